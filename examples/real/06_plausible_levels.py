@@ -12,7 +12,7 @@ from real_line import REPOSITORY, keep_results, recordings_folder
 
 from pyblast import load_project, simulate
 from pyblast.blasts.published_laws import BY_NAME, plausible_ppv
-from pyblast.project.plausibility import simulated_peaks
+from pyblast.project.level import simulated_peaks
 
 TABLE = "ppv_law/fgbastante_ppv_law.txt"
 CHARGES = (10.0, 100.0, 1000.0)  # kg

@@ -83,12 +83,12 @@ def few_coefficients(blasts, n_parameters) -> list[Finding]:
 
 
 def late_records(blasts) -> list[Finding]:
-    """D35: records that begin after the first firing."""
+    """D35: records that begin more than a sample after the first firing."""
     late = {
         f"{blast.path.name}, {name}": record.start
         for blast in blasts
         for name, record in chosen_records(blast, blasts[0]).items()
-        if record.start > 0.0
+        if record.start > record.dt
     }
     if not late:
         return []

@@ -1,5 +1,6 @@
 """Published laws: scaled distance and its plausible range, explosives."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,7 +10,7 @@ from .site_law import scaled_distance, scaled_distance_ppv
 
 DECADE = (10.0**-0.5, 10.0**0.5)
 IMPERIAL = 0.0254 * (0.3048 / 0.45359237**0.5) ** 1.6  # k of in/s and ft/lb^0.5, exponent 1.6
-REACH = (0.5, 450.0)
+FARTHEST = 450.0  # m/kg^0.5, end of the chart of Oriard's law
 
 
 @dataclass(frozen=True)
@@ -147,7 +148,9 @@ def _times(factor: float) -> str:
     return f"{plain_number(factor, 2)} times"
 
 
-def plausible_ppv(distance: float, charge: float) -> PlausibleRange | None:
+def plausible_ppv(
+    distance: float, charge: float, laws: Sequence[PublishedLaw] = LAWS
+) -> PlausibleRange | None:
     """Return the range of peak velocity that published laws find plausible.
 
     Parameters
@@ -155,12 +158,15 @@ def plausible_ppv(distance: float, charge: float) -> PlausibleRange | None:
     distance : float, m
     charge : float, kg
         Largest within 8 ms.
+    laws : sequence of PublishedLaw
+        Where one is chosen, that one alone.
 
     Returns
     -------
     PlausibleRange or None
-        From the smallest 5 % to the largest 95 % value of the laws. None where the scaled distance
-        lies outside 0.5 to 450 m/kg^0.5, those of the chart of Oriard's law.
+        From the smallest 5 % to the largest 95 % value of the laws. None beyond a scaled distance
+        of 450 m/kg^0.5, the end of the chart of Oriard's law; nearer than its beginning at 0.5 the
+        laws are carried on.
 
     Raises
     ------
@@ -177,11 +183,12 @@ def plausible_ppv(distance: float, charge: float) -> PlausibleRange | None:
     2 to 57 mm/s
     """
     scaled = float(scaled_distance(distance, charge))
-    if not REACH[0] <= scaled <= REACH[1]:
+    if scaled > FARTHEST:
         return None
-    ends = np.array([law.ends(distance, charge) for law in LAWS])
+    ends = np.array([law.ends(distance, charge) for law in laws])
     low, high = float(ends[:, 0].min()), float(ends[:, 1].max())
-    return PlausibleRange(low, high, float(distance), float(charge), tuple(BY_NAME))
+    names = tuple(law.name for law in laws)
+    return PlausibleRange(low, high, float(distance), float(charge), names)
 
 
 @dataclass(frozen=True)
@@ -194,22 +201,23 @@ class Explosive:
     density : float, kg/m3
     velocity : float, m/s
         Of detonation.
-    energy : float, J/kg
-        Of detonation, by the JWL equation of state.
+    heat : float, J/kg
+        Of explosion.
     """
 
     name: str
     source: str
     density: float
     velocity: float
-    energy: float
+    heat: float
 
 
 HANDBOOK = "Dobratz and Crawford 1985, LLNL Explosives Handbook, UCRL-52997; not checked against it"
+IDEAL = f"{HANDBOOK}; heat of 94/6 ANFO, 3.7 to 3.9 MJ/kg in handbooks, not checked"
 EXPLOSIVES = {
     explosive.name: explosive
     for explosive in (
-        Explosive("ANFO", HANDBOOK, 931.0, 4160.0, 2.484e9 / 931.0),
+        Explosive("ANFO", IDEAL, 931.0, 4160.0, 3.8e6),
         Explosive("TNT", HANDBOOK, 1630.0, 6930.0, 7.0e9 / 1630.0),
         Explosive("PETN", HANDBOOK, 1770.0, 8300.0, 10.1e9 / 1770.0),
     )

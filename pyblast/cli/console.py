@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from ..back_analysis.waveforms import MomentRateFit
     from ..blasts.site_law import SiteLaw
     from ..errors import Finding
+    from ..mesh.as_built import Row
     from ..project.checks import Check
     from ..project.checks_ground import ModelSummary
     from ..project.project import Project
@@ -185,9 +186,20 @@ def show_model_summary(summary: "ModelSummary") -> None:
 def show_check(check: "Check") -> None:
     """Print the size of the model, the notes on the holes, and every finding."""
     show_model_summary(check.summary)
+    show_ground(check.ground_as_built)
     for note in check.notes:
         say(f"- {note}")
     show_findings(check.findings)
+
+
+def show_ground(rows: "Iterable[Row]") -> None:
+    """Print the ground as it was asked for and as it was built."""
+    table = _table("ground as built", "quantity", "asked", "built", "tolerance")
+    for row in rows:
+        values = ("" if v is None else v if isinstance(v, str) else f"{round(v, 6):.6g}" for v in
+                  (row.asked, row.built, row.tolerance))  # fmt: skip
+        table.add_row(row.name, row.quantity, *values)
+    _out.print(table)
 
 
 def show_findings(findings: "Iterable[Finding]") -> None:
@@ -199,7 +211,7 @@ def show_findings(findings: "Iterable[Finding]") -> None:
 
 def show_level(project: "Project") -> None:
     """Print whether the level that is known before a run is plausible; nothing where it is."""
-    from ..project.plausibility import expected_peaks, level_findings
+    from ..project.level import expected_peaks, level_findings
 
     show_findings(level_findings(project, expected_peaks(project)))
 
@@ -212,7 +224,7 @@ def show_input(project: "Project") -> None:
     project : Project
         With a motion that enters through a face.
     """
-    from ..project.plausibility import input_peaks, level_findings
+    from ..project.level import input_peaks, level_findings
 
     stages = project.input
     assert stages is not None
@@ -227,8 +239,8 @@ def show_input(project: "Project") -> None:
     if stages.low_passed is not None:
         low = stages.low_passed
         say(
-            f"the filter (-6 dB at {low.corner:g} Hz, -3 dB at {low.corner_3db:.3g} Hz, no phase "
-            f"shift) removed {_percent(low.removed_energy)} of the energy of each component"
+            f"the filter (-3 dB at {low.corner:g} Hz) removed {_percent(low.removed_energy)} of "
+            "the energy of each component"
         )
     peaks = input_peaks(project)
     for peak in peaks:
@@ -264,7 +276,7 @@ def show_compared(comparison: "Comparison", level: "Finding | None", air: list[s
 
 def show_outcome(outcome: "Outcome") -> None:
     """Print what is implausible, peaks, comparisons, findings and the folder of a run."""
-    from ..project.plausibility import CODE, plausible_of_table
+    from ..project.level import CODE, plausible_of_table
 
     level = [finding for finding in outcome.check.findings if finding.code == CODE]
     show_findings(level)

@@ -40,12 +40,13 @@ def refuse_two_levels(section) -> None:
 
 
 class ChargedHoleConfig(Section):
-    """The moment of a charged hole in closed form."""
+    """The moment of a charged hole in closed form; its pulse by frequency, or by peak time."""
 
     material: Name
     charge_kg: Positive
     radius_m: Positive
-    peak_time_ms: Positive
+    peak_time_ms: Positive | None = None
+    frequency_hz: Positive | None = None
     pressure_mpa: Positive | None = None
     peak_mm_per_s: Positive | None = None
     law: Law | None = None
@@ -56,6 +57,8 @@ class ChargedHoleConfig(Section):
     def _one_level(self):
         """Ask for at most one level; a measured peak needs its distance."""
         refuse_two_levels(self)
+        if self.peak_time_ms is not None and self.frequency_hz is not None:
+            raise ValueError("give peak_time_ms or frequency_hz, not both")
         if self.pressure_mpa is not None and self.distance_m is not None:
             raise ValueError("distance_m goes with a peak or a law, not with pressure_mpa")
         if self.peak_mm_per_s is not None and self.distance_m is None:
@@ -72,6 +75,7 @@ class HolesInsideConfig(Section):
     spread_m: Positive | None = None
     detonation_m_per_s: Positive | None = None
     primed_at: Literal["toe", "collar"] | None = None
+    core_m: Positive | None = None
 
     @model_validator(mode="after")
     def _one_moment(self):

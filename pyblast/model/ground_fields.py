@@ -3,6 +3,7 @@
 A field is a factor on all wave speeds as a function of position; the density is unchanged.
 """
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -150,6 +151,83 @@ def damaged_group(mesh: Mesh, zone: DamagedZone, radius: float, name: str = "dam
     groups = mesh.groups if name in mesh.groups else (*mesh.groups, name)
     group = np.where(near, groups.index(name), mesh.zone_group).astype(mesh.zone_group.dtype)
     return replace(mesh, zone_group=group, groups=groups)
+
+
+def elastic_radius(moment: float, ratio: float, strength: dict[str, float], pressure: float):
+    """Return the radius in m around a hole within which its closed form alone exceeds a strength.
+
+    Parameters
+    ----------
+    moment : float, N m
+        Largest isotropic moment.
+    ratio : float
+        Speed of S over that of P waves.
+    strength : dict of str to float
+        ``cohesion``, ``tension`` in Pa, ``friction`` as a tangent; or those of a Hoek-Brown law.
+    pressure : float, Pa
+        Of the ground before the blast, mean of three directions.
+
+    Returns
+    -------
+    float
+        Infinite where the ground has no strength at all.
+
+    Notes
+    -----
+    Sharpe (1942): ``stress_r = -p0 - 2x, stress_t = -p0 + x, x = (cs/cp)^2 M/(2 pi r^3)`` reaches
+    the surface of Mohr-Coulomb or its tension cut-off at x_y: theory.md (5.17).
+    """
+    if "sigci" in strength:
+        m, s, a, size = (strength[key] for key in ("m", "s", "a", "sigci"))
+        slope, crushed = 1.0 + a * m * s ** (a - 1.0), size * s**a
+    else:
+        friction = strength["friction"]
+        slope = (np.hypot(1.0, friction) + friction) ** 2
+        crushed = 2.0 * strength["cohesion"] * np.sqrt(slope)
+    sheared = (crushed + (slope - 1.0) * pressure) / (slope + 2.0)
+    most = min(sheared, strength["tension"] + pressure)
+    if not most > 0.0:
+        return np.inf
+    return float((ratio**2 * moment / (2.0 * np.pi * most)) ** (1.0 / 3.0))
+
+
+def near_groups(mesh: Mesh, near: np.ndarray, suffix: str) -> Mesh:
+    """Return a mesh whose near zones, (n_zones,) bool, are groups of their own by a suffix."""
+    groups, group = list(mesh.groups), mesh.zone_group.copy()
+    for number in np.unique(mesh.zone_group[near]):
+        group[near & (mesh.zone_group == number)] = len(groups)
+        groups.append(mesh.groups[number] + suffix)
+    return replace(mesh, zone_group=group, groups=tuple(groups))
+
+
+def near_joints(mesh: Mesh, distance: Callable, suffix: str, names: Sequence[str]) -> Mesh:
+    """Return a mesh whose contacts of named joints near the holes are joints of their own.
+
+    Parameters
+    ----------
+    mesh : Mesh
+    distance : callable
+        Returns for positions (n, 3) in m how far beyond the radius they lie, negative inside.
+    suffix : str
+    names : sequence of str
+        Joints that are parted.
+    """
+    contacts = mesh.contacts
+    if contacts is None:
+        return mesh
+    surfaces, joint, known = dict(mesh.surfaces), contacts.joint.copy(), list(contacts.names)
+    inside = distance(mesh.points[contacts.minus]) <= 0.0
+    for number, name in enumerate(contacts.names):
+        faces = mesh.surfaces[name]
+        near = distance(mesh.points[faces].mean(axis=1)) <= 0.0
+        own = inside & (contacts.joint == number)
+        if name not in names or not near.any() or not own.any():
+            continue
+        surfaces[name], surfaces[name + suffix] = faces[~near], faces[near]
+        joint[own] = len(known)
+        known.append(name + suffix)
+    parted = replace(contacts, joint=joint, names=tuple(known))
+    return replace(mesh, surfaces=surfaces, contacts=parted)
 
 
 def _check(what, share, length):

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..blasts.blast import ANFO_DENSITY
+from ..blasts.blast import ANFO_DENSITY, Firing
 from ..errors import Finding, by_wave
 from ..mesh import quality
 from ..mesh.as_built import Row
@@ -16,18 +16,23 @@ from ..solver.initial_stress import joint_pressures
 from ..units import plain_number
 from . import checks_ground
 from .checks_ground import ModelSummary, boundary_defects, summarise_model
+from .elastic_ground import elastic_finding
 from .ground import joint_of_surface, set_stiffness
 from .inputs import central_frequency, input_band, shape
+from .level import (
+    energy_finding,
+    expected_peaks,
+    level_findings,
+    source_energy,
+    unlikely_values,
+)
 from .places import (
-    edges_near_receivers,
-    face_areas,
     face_distance,
     face_materials,
-    normal_axis,
     source_material,
 )
-from .plausibility import expected_peaks, level_findings, unlikely_values
 from .surface import ground_notes
+from .validity import band_finding, band_of
 
 
 @dataclass(frozen=True)
@@ -90,6 +95,9 @@ def check(project, measure=True, progress=None) -> Check:
         *_record_defects(project, summary),
         *boundary_defects(project),
         *level_findings(project, expected_peaks(project)),
+        band_finding(project, band_of(project)),
+        energy_finding(source_energy(project)),
+        elastic_finding(project.elastic_ground, project.receivers),
     ]
     findings = sorted(
         (finding for finding in candidates if finding is not None), key=lambda f: int(f.code[1:])
@@ -131,11 +139,10 @@ def _mesh_defects(project, summary):
     times = () if project.blast is None else project.blast.times
     yield unlikely_values(project.materials, project.joints, project.config, times)
     band, centre = input_band(project), central_frequency(project)
-    near = edges_near_receivers(project, band)
     for group in summary.groups:
         yield coarse_zones(
-            group.name, project.materials[group.name], group.mean_edge, group.volume, band,
-            near.get(group.name, {}), project.model.edges_per_wavelength,
+            group.name, project.model.materials[group.name], group.mean_edge, group.volume, band,
+            project.model.edges_per_wavelength,
         )  # fmt: skip
     points = project.mesh.points
     rocks = _stiff(project, summary)
@@ -154,13 +161,13 @@ def _mesh_defects(project, summary):
 
 def _stiff(project, summary):
     """Return the stiff materials: P-wave speed at least half the largest."""
-    present = {group.name: project.materials[group.name] for group in summary.groups}
+    present = {group.name: project.model.materials[group.name] for group in summary.groups}
     fastest = max(material.cp for material in present.values())
     return {name: m for name, m in present.items() if m.cp >= 0.5 * fastest}
 
 
 def _load_defects(project):
-    """D3, D4, D6, D7, D17, D20 to D22, D25: firing, load, charge, absorbing layer, air."""
+    """D3, D4, D6, D7, D17, D20, D22, D25: firing, load, charge, absorbing layer, air."""
     blast, band = project.config.blast, input_band(project)
     if blast is not None:
         yield firing_comb(project.firing, central_frequency(project), band)
@@ -183,22 +190,22 @@ def _load_defects(project):
 
 
 def _face_defects(project, band):
-    """D4, D6, D7, D17, D21, D27: filter, face, strength, energy, holes inside."""
+    """D4, D6, D7, D17, D27: filter, face, strength, holes inside."""
     config, firing, motion = project.config, project.firing, project.input
     yield comb_return(firing, central_frequency(project), motion.low_passed)
     name, material = source_material(project)
     yield layered_face(config.input.face, face_materials(project))
-    yield yielding_rock(project.signature.pvs, firing, name, material)
+    peak = project.signature.pvs
+    if config.input.decay_exponent is not None:  # no two holes are equally near
+        peak, firing = motion.superposed.pvs, Firing(np.zeros(1), np.ones(1))
+    yield yielding_rock(peak, firing, name, material)
     distance, reach = face_distance(project)
-    if distance is not None:
+    if distance is not None and config.input.decay_exponent is None:
         yield plane_load(distance, reach, material, band)
     if project.blast is not None:
         points = project.mesh.points
         ends = points.min(axis=0), points.max(axis=0)
         yield holes_within(project.blast.centres, config.input.face, *ends)
-    if project.blast is not None and np.isfinite(project.blast.charge).all():
-        charge = float(project.blast.charge.sum())
-        yield load_energy(motion.motion, face_areas(project), charge, normal_axis(project))
 
 
 def _joint_defects(project, summary):
@@ -225,7 +232,7 @@ def _joint_defects(project, summary):
         for group in part.regions or rocks:
             yield checks_ground.jointed_speeds(
                 part.name, stiffness[part.name], part.spacing_m, group,
-                project.materials[group], centre,
+                project.model.materials[group], centre,
             )  # fmt: skip
 
 
@@ -248,49 +255,37 @@ def _record_defects(project, summary):
 TET_VOLUME = 1.0 / (6.0 * math.sqrt(2.0))
 
 
-def coarse_zones(name, material, edge, volume, band, near, per_wave=10.0):
+def coarse_zones(name, material, edge, volume, band, per_wave=10.0):
     """D1: a material whose zones do not carry the band of the input; None where they do.
+
+    Whether a receiver suffers by it says finding D40.
 
     Parameters
     ----------
-    near : dict of str to float
-        Mean edge in m within one S wavelength of each receiver on the material. Where these carry
-        the band, zones elsewhere are no failure.
     per_wave : float
         Edges that a wavelength needs: 3 where zones have 15 nodes.
     """
     carried = material.cs / (per_wave * edge)
     needed = material.cs / (per_wave * band)
-    coarse = [receiver for receiver, short in near.items() if short > needed]
     if carried >= band:
         return None
     zones = [volume / (TET_VOLUME * size**3) for size in (edge, needed)]
-    graded = bool(near) and not coarse
-    stand = "stands" if len(near) == 1 else "stand"
-    on_it = f", and {', '.join(near)} {stand} on it" if near else ""
-    around = (
-        f"; around {', '.join(near)} the zones are short enough, farther away waves in "
-        f"'{name}' above {carried:.3g} Hz are not to be trusted"
-    )
     digits = 5 if f"{carried:.3g}" == f"{band:.3g}" else 3
     return Finding(
         "D1",
         f"The mesh of '{name}' does not carry the input",
         f"{edge:.{digits}g} m edges carry {carried:.{digits}g} Hz in '{name}' "
         f"({1.25 * carried:.3g} Hz with {0.8 * per_wave:.2g} edges per wavelength), the input has "
-        f"{band:.{digits}g} Hz{on_it}; edges must be at most {needed:.{digits}g} m, which makes "
-        f"{plain_number(zones[1] / zones[0], 2)} times as many zones{around if graded else ''}.",
-        not graded,
-        {"carried": carried, "carried_8": 1.25 * carried, "needed_edge": needed,
-         "zones_now": zones[0], "zones_needed": zones[1]}
-        | {f"edge_at_{receiver}": short for receiver, short in near.items()},
+        f"{band:.{digits}g} Hz: farther waves above {carried:.{digits}g} Hz are not to be trusted "
+        f"there. Edges of at most {needed:.{digits}g} m make "
+        f"{plain_number(zones[1] / zones[0], 2)} times as many zones.",
+        numbers={"carried": carried, "carried_8": 1.25 * carried, "needed_edge": needed,
+                 "zones_now": zones[0], "zones_needed": zones[1]},
     )  # fmt: skip
 
 
 SOUND_SPEED = 340.0
 SAME_INSTANT = 1e-3
-ANFO_HEAT = 3.8e6
-PLAUSIBLE_SHARE = 0.1
 
 
 def comb_numbers(firing, frequency, band):
@@ -422,37 +417,6 @@ def yielding_rock(peak, firing, name, material):
         f"holes in phase {together * peak:.1f} m/s or {together * single / 1e6:.0f} MPa against a "
         f"cohesion of {material.cohesion / 1e6:.1f} MPa: linear superposition then over-estimates.",
         numbers={"single": single, "together": together * single, "velocity": together * peak},
-    )
-
-
-def load_energy(motion, face, charge, axis=0):
-    """D21: whether the load carries more energy than the explosive; None where far less.
-
-    Parameters
-    ----------
-    motion : Seismogram
-        Of the incident wave.
-    face : sequence of (area m2, Material)
-    charge : float, kg
-        Of the whole blast.
-    axis : int
-        Component along the normal of the face.
-    """
-    work = motion.dt * np.sum(np.nan_to_num(motion.velocity) ** 2, axis=0)
-    normal, shear = float(work[axis]), float(work.sum() - work[axis])
-    energy = sum(a * m.density * (m.cp * normal + m.cs * shear) for a, m in face)
-    share = energy / (charge * ANFO_HEAT)
-    if share < PLAUSIBLE_SHARE:
-        return None
-    return Finding(
-        "D21",
-        "The load carries too much energy",
-        f"The incident waves carry {plain_number(energy / 1e9)} GJ, {100 * share:.0f} % of the "
-        f"heat of {plain_number(charge, 6)} kg of explosive ({ANFO_HEAT / 1e6:g} MJ/kg, assumed); "
-        f"blasts radiate at most about {100 * PLAUSIBLE_SHARE:.0f} % as waves. One record on the "
-        "whole face and all holes of a row in phase give more than the blast can.",
-        share > 1.0,
-        {"energy": energy, "share": share},
     )
 
 

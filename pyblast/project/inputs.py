@@ -19,7 +19,7 @@ from ..blasts.signature import (
 )
 from ..config.section import read_time_function
 from ..errors import InputError, named_error
-from ..model.boundary import StressInput, VelocityInput
+from ..model.boundary import StressInput, VelocityInput, WaveFronts
 from ..model.source import PlaneWave, TimeFunction, polarisation
 from ..recordings.recording import Recording, first_recording, read_recording
 from ..signals.seismogram import GEOGRAPHIC, Seismogram
@@ -40,7 +40,7 @@ class InputMotion:
     signature : Seismogram
     firing : Firing
     superposed : Seismogram
-        With quiet time before and after, so that the filter has room.
+        With quiet time after it, so that the filter has room.
     low_passed : LowPassed or None
     """
 
@@ -198,18 +198,65 @@ def make_input(signature, firing, low_pass, shifts=None) -> InputMotion:
         Travel-time shifts.
     """
     superposed = superpose(signature, firing, travel_shifts=shifts)
+    return _filtered(signature, firing, superposed, low_pass)
+
+
+def _filtered(signature, firing, superposed, low_pass):
+    """Return the stages of an input motion, low-passed at a corner in Hz or not."""
     if low_pass is None:
         return InputMotion(signature, firing, superposed, None)
-    quiet = math.ceil(QUIET_CYCLES / (low_pass * superposed.dt))
-    padded = replace(
-        superposed,
-        velocity=np.pad(superposed.velocity, ((quiet, quiet), (0, 0))),
-        start=superposed.start - quiet * superposed.dt,
-    )
+    padded = _with_quiet_end(superposed, low_pass)
     return InputMotion(signature, firing, padded, lowpass(padded, low_pass))
 
 
-def make_entry(config, motion):
+def _with_quiet_end(motion, corner):
+    """Append some cycles of silence, in which what a low-pass at a corner in Hz delays ends."""
+    quiet = math.ceil(QUIET_CYCLES / (corner * motion.dt))
+    padded = np.pad(motion.velocity, ((0, quiet), (0, 0)))
+    return replace(motion, velocity=np.where(motion.present, padded, np.nan))
+
+
+INWARD = {"west": (1, 0, 0), "east": (-1, 0, 0), "south": (0, 1, 0), "north": (0, -1, 0)}
+
+
+def wave_fronts(project) -> WaveFronts | None:
+    """Return the wave fronts of the holes on the face of a `Project`, None where it is plane.
+
+    Raises
+    ------
+    InputError
+        If there is no blast, or the face is not a side of the box.
+    """
+    config, blast = project.config.input, project.blast
+    if config.decay_exponent is None:
+        return None
+    if blast is None or config.face not in INWARD:
+        raise InputError(
+            "input.decay_exponent: needs [blast] and a face west, east, south or north; leave it "
+            "out for a load that is alike everywhere"
+        )
+    rocks = project.materials.values()
+    cavity = project.config.signature.cavity
+    rock = max(rocks, key=lambda m: m.cp) if cavity is None else project.materials[cavity.material]
+    return WaveFronts(
+        blast.centres, project.firing.times, project.firing.scales, config.distance_m,
+        config.decay_exponent, rock.cp, np.array(INWARD[config.face], dtype=float),
+    )  # fmt: skip
+
+
+def opposite_input(signature, firing, low_pass, fronts, blast) -> InputMotion:
+    """Return the input motion at the point of the face opposite the middle of the first holes."""
+    first = blast.centres[blast.times == blast.times.min()].mean(axis=0)
+    point = first + fronts.distance * fronts.axis
+    (amplitude, delay, turn) = (each[:, 0] for each in fronts.at(point[None]))
+    turned = [replace(signature, velocity=signature.velocity @ rotation.T) for rotation in turn]
+    early = min(0.0, float(delay.min()))
+    superposed = superpose(signature, Firing(delay - early, amplitude), signatures=turned)
+    superposed = superposed.shifted(early)
+    return _filtered(signature, firing, superposed, low_pass)
+
+
+def make_entry(config, motion, fronts=None):
     """Return the boundaries and plane waves by which a motion enters through a face.
 
     A plane wave carries the component of the motion along its polarisation.
@@ -218,10 +265,13 @@ def make_entry(config, motion):
     ----------
     config : InputConfig
     motion : Seismogram
+        Of a single hole where there are wave fronts.
+    fronts : WaveFronts, optional
     """
-    if config.enters_as != "plane_wave":
-        kind = {"stress": StressInput, "velocity": VelocityInput}[config.enters_as]
-        return [kind(config.face, motion)], []
+    if config.enters_as == "velocity":
+        return [VelocityInput(config.face, motion)], []
+    if config.enters_as == "stress":
+        return [StressInput(config.face, motion, fronts=fronts)], []
     angles = [to_si(key, getattr(config, key))[1] for key in ("azimuth_deg", "inclination_deg")]
     along = motion.velocity @ polarisation(config.wave, *angles)
     history = TimeFunction(along, motion.dt, motion.start)
@@ -260,13 +310,13 @@ SAMPLES_PER_DURATION = 100
 DURATIONS = 8
 SAMPLES_PER_PEAK_TIME = 200
 PEAK_TIMES = 10
+SMOOTH = 8  # order of a pulse that is given by its frequency
+FREQUENCY = 20.0  # Hz, of a hole without one
 STEP_DOWN = 0.95  # between low-passes that are tried
 
 
-def make_moment_rate(
-    config, exponent, materials, folder, distance=None, carried=None
-) -> tuple[TimeFunction, float | None]:
-    """Turn a `HolesInsideConfig` into the moment rate of 1 kg, N m/s, and its low-pass.
+def make_moment_rate(config, exponent, materials, folder, distance=math.nan) -> TimeFunction:
+    """Turn a `HolesInsideConfig` into the moment rate of 1 kg, N m/s, with all its frequencies.
 
     Parameters
     ----------
@@ -277,48 +327,50 @@ def make_moment_rate(
     folder : Path
     distance : float, m, optional
         Where a law sets the level of a charged hole without distance_m.
-    carried : callable, optional
-        Returns the highest frequency in Hz that the mesh carries.
-
-    Returns
-    -------
-    TimeFunction
-    float or None, Hz
-        Low-pass; None where the pulse is as given.
 
     Notes
     -----
     ``M = pi a^3 p(t) cp^2/cs^2``, right for waves much longer than the cavity: theory.md (5.2).
-    A peak on the ground is twice that in unbounded rock; a law or a peak sets that of the motion
-    after the low-pass.
+    A peak on the ground is twice that in unbounded rock. A law or a peak is one of motion with all
+    its frequencies, so it sets the level before any low-pass.
     """
     if config.moment_rate_file is not None:
-        rate = read_time_function(folder / config.moment_rate_file, MOMENT_RATE_HEADS)
-        return within_band(rate, config.low_pass_hz, carried)
+        return read_time_function(folder / config.moment_rate_file, MOMENT_RATE_HEADS)
     hole = config.charged_hole
     if hole.material not in materials:
         raise InputError(
             f"charged_hole.material: must be one of {', '.join(materials)}, got {hole.material!r}"
         )
-    rock, peak = materials[hole.material], to_si("peak_time_ms", hole.peak_time_ms)[1]
-    dt = peak / SAMPLES_PER_PEAK_TIME
-    pressure = SmoothPulse(1.0, peak)(dt * np.arange(PEAK_TIMES * SAMPLES_PER_PEAK_TIME + 1))
+    rock, pulse = materials[hole.material], hole_pulse(hole)
+    dt = pulse.peak_time / SAMPLES_PER_PEAK_TIME
+    pressure = pulse(dt * np.arange(PEAK_TIMES * SAMPLES_PER_PEAK_TIME + 1))
     moment = cavity_moment(hole.radius_m, pressure, rock.cp, rock.cs)
     unit = TimeFunction(np.gradient(moment, dt), dt)
-    unit, corner = within_band(unit, config.low_pass_hz or "mesh", carried)
     if hole.pressure_mpa is not None:
         level = to_si("pressure_mpa", hole.pressure_mpa)[1]
     else:
-        away = hole.distance_m or distance
+        away = float(hole.distance_m or distance)
         motion = moment_velocity(unit.values, unit.dt, away, rock.density, rock.cp)
         level = level_peak(hole, away) / (FREE_SURFACE * float(np.abs(motion).max()))
-    return replace(unit, values=level * unit.values / hole.charge_kg**exponent), corner
+    return replace(unit, values=level * unit.values / hole.charge_kg**exponent)
+
+
+def hole_pulse(hole) -> SmoothPulse:
+    """Return the pulse of a `ChargedHoleConfig`, of 1 Pa; theory.md (5.2).
+
+    One of a frequency has little above twice of it: quarry blasts are recorded at mostly 10 to 40
+    Hz (Siskind and others 1980, RI 8507; not checked against it), `FREQUENCY` is their middle.
+    """
+    if hole.peak_time_ms is not None:
+        return SmoothPulse(1.0, to_si("peak_time_ms", hole.peak_time_ms)[1])
+    cycle = 2.0 * math.pi * (hole.frequency_hz or FREQUENCY)
+    return SmoothPulse(1.0, SMOOTH / cycle * math.sqrt(2.0 / (SMOOTH - 1)), SMOOTH)
 
 
 def within_band(rate, corner, carried) -> tuple[TimeFunction, float | None]:
     """Low-pass a moment rate at a corner in Hz, or "mesh": to what it carries, or "none"."""
     if corner == "mesh":
-        band = math.inf if carried is None else carried()
+        band = carried()
         passed, corner = rate, None
         while highest_frequency(radiated(passed)) > band:
             corner = STEP_DOWN * (corner or band / STEP_DOWN)
@@ -330,11 +382,9 @@ def within_band(rate, corner, carried) -> tuple[TimeFunction, float | None]:
 
 
 def _low_passed(rate, corner):
-    """Low-pass a time function without phase shift; it then begins and ends in quiet."""
-    quiet = math.ceil(QUIET_CYCLES / (corner * rate.dt))
-    motion = replace(shape(rate, np.pad(rate.values, quiet)), start=rate.start - quiet * rate.dt)
-    passed = motion.lowpassed(corner)
-    return TimeFunction(passed.velocity[:, 0], rate.dt, passed.start)
+    """Low-pass a time function, forward only; it then ends in quiet."""
+    motion = _with_quiet_end(shape(rate, rate.values), corner)
+    return replace(rate, values=motion.lowpassed(corner, causal=True).velocity[:, 0])
 
 
 def level_peak(hole, distance) -> float:
@@ -380,6 +430,8 @@ class Inside:
         Pa, at the reference distance after its arrival there.
     low_pass : float or None, Hz
         Of the moment rate, where one was taken.
+    unfiltered : TimeFunction or None
+        Moment rate before that low-pass.
     """
 
     firing: Firing
@@ -389,6 +441,7 @@ class Inside:
     pressures: tuple[TimeFunction, ...]
     air_pulse: TimeFunction | None
     low_pass: float | None = None
+    unfiltered: TimeFunction | None = None
 
     @property
     def named(self) -> dict[str, TimeFunction]:
@@ -435,16 +488,15 @@ class Inside:
 def read_inside(project) -> Inside:
     """Read the time functions of all sources of a `Project`."""
     config, materials, folder = project.config, project.materials, project.folder
-    rate = air = corner = None
+    rate = air = corner = whole = None
     if config.holes_inside is not None:
         exponent, hole = config.blast.charge_exponent, config.holes_inside.charged_hole
         with named_error("holes_inside"):
             by_law = hole is not None and hole.pressure_mpa is None
-            distance = level_distance(config, project.blast) if by_law else None
-            rate, corner = make_moment_rate(
-                config.holes_inside, exponent, materials, folder, distance,
-                lambda: carried_frequency(project),
-            )  # fmt: skip
+            distance = level_distance(config, project.blast) if by_law else math.nan
+            whole = make_moment_rate(config.holes_inside, exponent, materials, folder, distance)
+            low_pass = config.holes_inside.low_pass_hz or ("none" if hole is None else "mesh")
+            rate, corner = within_band(whole, low_pass, lambda: carried_frequency(project))
     if config.air_blast is not None:
         air = make_air_pulse(config.air_blast, folder)
     forces, tensors, pressures = (
@@ -455,7 +507,8 @@ def read_inside(project) -> Inside:
             (config.pressures, PRESSURE_HEADS),
         )
     )
-    return Inside(project.firing, rate, forces, tensors, pressures, air, corner)
+    before = None if corner is None else whole
+    return Inside(project.firing, rate, forces, tensors, pressures, air, corner, before)
 
 
 def radiated(function) -> Seismogram:
@@ -469,6 +522,15 @@ def shape(function, values) -> Seismogram:
     return Seismogram(np.column_stack([values, missing, missing]), function.dt, function.start)
 
 
+def unfiltered(project) -> tuple[Seismogram, ...]:
+    """Return the input motions of a project before the low-passes of its sources."""
+    inside = project.inside
+    if inside.unfiltered is not None:
+        inside = replace(inside, moment_rate=inside.unfiltered)
+    face = () if project.input is None else (project.input.superposed,)
+    return (*face, *inside.motions)
+
+
 def central_frequency(project):
     """Return the frequency in Hz that damping is set to, else the dominant one of the input."""
     if project.config.damping is not None:
@@ -478,10 +540,8 @@ def central_frequency(project):
 
 
 def input_band(project):
-    """Return the highest frequency in Hz of what enters: the low-pass, or 95 % of the energy."""
-    low_pass = None if project.input is None else project.config.input.low_pass_hz
-    tops = [] if low_pass is None else [low_pass]
-    return max(tops + [highest_frequency(motion) for motion in project.motions[len(tops) :]])
+    """Return the frequency in Hz below which 95 % of the energy of what enters lies."""
+    return max(highest_frequency(motion) for motion in project.motions)
 
 
 def named_files(config) -> list[str]:

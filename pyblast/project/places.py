@@ -4,12 +4,13 @@ import math
 from dataclasses import replace
 
 import numpy as np
+from scipy.spatial import KDTree
 
 from ..blasts.blast import Blast
 from ..errors import InputError, named_error
 from ..mesh.faces import face_vectors
 from ..mesh.hexahedra import face_shapes, face_slopes
-from ..mesh.mesh import edge_lengths, locate, surface_zones
+from ..mesh.mesh import locate, surface_zones
 from ..model.model import Model, Receiver, SpongeLayer
 from ..model.source import AirBlast, Column, Hole, MomentTensor, PointForce, Pressure, TimeFunction
 
@@ -194,14 +195,30 @@ def make_absorbing_layer(config):
     return SpongeLayer(box_of((low, low + size) for low, size in ends), mesh.padding_m)
 
 
+def radiating_positions(project) -> np.ndarray:
+    """Return the positions (n, 3) in m of the sources of a project; none of what enters by a face.
+
+    Pressures stand in the middle of their surfaces, an air blast at its collars.
+    """
+    config, mesh = project.config, project.mesh
+    rows = list(source_positions(project).values())
+    for part in config.pressures:
+        rows.append(mesh.points[np.unique(mesh.surfaces[part.surface])].mean(axis=0))
+    if config.air_blast is not None and not rows:
+        rows += list(project.blast.collar)
+    return np.array(rows, dtype=float).reshape(-1, 3)
+
+
 def carried_frequency(project) -> float:
-    """Return the highest frequency in Hz that the mesh of a project carries in all its ground."""
+    """Return the highest frequency in Hz that the mesh carries in the ground around the holes."""
     mesh = project.mesh
     model = Model(
         mesh, project.materials, project.joints, quadratic=project.config.mesh.quadratic,
         sponge=None if mesh.hexahedral else make_absorbing_layer(project.config),
     )  # fmt: skip
-    return min(model.highest_frequency().values())
+    _, zone = KDTree(mesh.points[mesh.zones].mean(axis=1)).query(project.blast.centres)
+    carried = model.highest_frequency()
+    return min(carried[mesh.groups[group]] for group in np.unique(mesh.zone_group[zone]))
 
 
 def level_distance(config, blast) -> float:
@@ -339,9 +356,14 @@ def _place_tensors(inside, config, mesh, lead):
     parts = zip(config.moment_tensors, inside.tensors, strict=True)
     for number, (part, history) in enumerate(parts):
         refuse_outside(mesh, {f"moment_tensors[{number + 1}]": np.array(part.position_m)})
-        xx, yy, zz, yz, zx, xy = part.tensor
-        tensor = np.array([[xx, xy, zx], [xy, yy, yz], [zx, yz, zz]])
-        yield MomentTensor(np.array(part.position_m), tensor, lead, history, part.spread_m)
+        position = np.array(part.position_m)
+        yield MomentTensor(position, full_tensor(part.tensor), lead, history, part.spread_m)
+
+
+def full_tensor(six) -> np.ndarray:
+    """Return the symmetric tensor (3, 3) of xx, yy, zz, yz, zx, xy."""
+    xx, yy, zz, yz, zx, xy = six
+    return np.array([[xx, xy, zx], [xy, yy, yz], [zx, yz, zz]])
 
 
 def _place_air(inside, part, blast, mesh, lead):
@@ -374,7 +396,8 @@ def face_areas(project):
     group = mesh.zone_group[surface_zones(mesh, face)]
     area = np.linalg.norm(face_vectors(mesh.points, mesh.surfaces[face]), axis=1)
     return [
-        (float(area[group == n].sum()), project.materials[mesh.groups[n]]) for n in np.unique(group)
+        (float(area[group == n].sum()), project.model.materials[mesh.groups[n]])
+        for n in np.unique(group)
     ]
 
 
@@ -416,41 +439,11 @@ def face_distance(project):
     return distance, float(reach)
 
 
-def receiver_groups(project):
-    """Return the material under each receiver, dict of str to str."""
-    mesh = project.model.mesh
-    if not project.receivers:
-        return {}
-    zone, _ = locate(mesh, [receiver.position for receiver in project.receivers])
-    names = [mesh.groups[group] for group in mesh.zone_group[zone]]
-    return {r.name: name for r, name in zip(project.receivers, names, strict=True)}
-
-
-def edges_near_receivers(project, frequency):
-    """Return the mean edge in m within an S wavelength of each receiver, by material under it.
-
-    Returns
-    -------
-    dict of str to dict of str to float
-        By material, then by receiver.
-    """
-    mesh, stands = project.mesh, receiver_groups(project)
-    middles, edges = mesh.points[mesh.zones].mean(axis=1), {}
-    for receiver in project.receivers:
-        name = stands[receiver.name]
-        own = mesh.zone_group == mesh.groups.index(name)
-        distance = np.linalg.norm(middles - receiver.position, axis=1)
-        reach = max(project.materials[name].cs / frequency, distance[own].min())
-        mean = edge_lengths(mesh)[own & (distance <= reach)].mean()
-        edges.setdefault(name, {})[receiver.name] = float(mean)
-    return edges
-
-
 def face_materials(project):
     """Return the materials on the input face, dict of str to Material."""
     mesh = project.model.mesh
     numbers = np.unique(mesh.zone_group[surface_zones(mesh, project.config.input.face)])
-    return {mesh.groups[n]: project.materials[mesh.groups[n]] for n in numbers}
+    return {mesh.groups[n]: project.model.materials[mesh.groups[n]] for n in numbers}
 
 
 def single_source(config) -> Blast:

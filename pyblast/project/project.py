@@ -15,13 +15,14 @@ from ..config.ground import GroundConfig, MeshConfig
 from ..config.section import changed_tables, value_at
 from ..errors import InputError, named_error
 from ..mesh.as_built import Row, positions_as_built
-from ..mesh.mesh import Mesh
+from ..mesh.mesh import Mesh, inner_facets
 from ..model.joint import Joint
 from ..model.material import Material
 from ..model.model import Model, Receiver, SpongeLayer
 from ..recordings.recording import Recording
 from ..signals.seismogram import Seismogram
 from ..solver.initial_stress import joint_pressures
+from .elastic_ground import ElasticGround, elastic_ground, with_elastic_ground
 from .elements import Ground, longest_path, make_ground, needs_of, survey_positions
 from .ground import (
     joint_of_surface,
@@ -47,9 +48,11 @@ from .inputs import (
     make_input,
     make_signature,
     named_files,
+    opposite_input,
     read_inside,
     read_record,
     shifts_of,
+    wave_fronts,
 )
 from .places import (
     check_absorbing_layer,
@@ -60,7 +63,7 @@ from .places import (
     single_source,
     source_positions,
 )
-from .surface import make_surface
+from .surface import make_surface, welded_surfaces
 
 STEP_FACTOR = {False: 0.8, True: 0.95}  # over a bound of tetrahedra, over the limit of hexahedra
 
@@ -172,6 +175,10 @@ class Project:
             cavity, shifts = config.signature.cavity, None
             if cavity is not None:
                 shifts = shifts_of(config.blast, self.blast, cavity.receiver_m, cavity.hole_m)
+            fronts = wave_fronts(self)
+            if fronts is not None:
+                corner = config.input.low_pass_hz
+                return opposite_input(signature, firing, corner, fronts, self.blast)
             return make_input(signature, firing, config.input.low_pass_hz, shifts)
 
     @_part
@@ -281,14 +288,19 @@ class Project:
         motion, face = self.input, None if self.input is None else config.input.face
         entries, waves = [], []
         if motion is not None:
-            outer = [name for name in mesh.surfaces if name not in {j.surface for j in self.joints}]
+            joints = {joint.surface for joint in self.joints}
+            outer = [
+                name for name in mesh.surfaces
+                if name not in joints and not inner_facets(mesh, name)[0].any()
+            ]  # fmt: skip
             if face not in outer:
                 what = f"must be one of {', '.join(outer)}, got {face!r}"
                 raise InputError(f"{self.path.name}: input.face: {what}")
-            entries, waves = make_entry(config.input, motion.motion.shifted(self.lead))
+            entries, waves = self._entry(motion)
         sources, receivers, layer = self.sources, self.receivers, self.absorbing_layer
         with named_error(self.path.name):
             refuse_unknown_sides("boundaries.free", config.boundaries.free, mesh)
+            welded_surfaces(config.mesh, mesh)
             if config.holes_inside or config.moment_tensors:
                 refuse_open_sides(config.boundaries, mesh, joint_of_surface(config.mesh))
             model = Model(
@@ -307,12 +319,33 @@ class Project:
                 receivers=receivers,
                 sponge=layer,
             )
+            model = with_elastic_ground(model, elastic_ground(model, self.core))
             if not config.boundaries.jointed_faces:
                 return model
             pressures = joint_pressures(model)  # joints that close are stiffer under them
             media = jointed_media(config.mesh, self.materials, self.joints, pressures)
             known = make_boundaries(config.boundaries, face, media)
             return replace(model, boundaries=(*known, *entries))
+
+    def _entry(self, motion):
+        """Return boundaries and plane waves by which the motion enters."""
+        config, fronts, moving = self.config.input, wave_fronts(self), motion.motion
+        if fronts is not None:  # each hole by itself
+            alone = Firing(np.zeros(1), np.ones(1))
+            moving = make_input(self.signature, alone, config.low_pass_hz).motion
+            fronts = replace(fronts, times=fronts.times + self.lead)
+            return make_entry(config, moving, fronts)
+        return make_entry(config, moving.shifted(self.lead))
+
+    @property
+    def core(self) -> float | None:
+        """Stated radius in m of elastic ground around the holes, None: that of the closed form."""
+        return None if self.config.holes_inside is None else self.config.holes_inside.core_m
+
+    @_part
+    def elastic_ground(self) -> ElasticGround | None:
+        """Ground of the model that stays elastic around its sources."""
+        return elastic_ground(self.model, self.core)
 
     @property
     def blasts(self) -> dict[str, Blast]:
@@ -374,7 +407,7 @@ class Project:
         tables = {k: t for k, t in (("mesh", mesh), ("ground", ground)) if t is not None}
         parts["config"] = self.config.model_copy(update=tables)
         held = parts.setdefault("joints", self.joints)
-        stale = {"sources", "model", "absorbing_layer"}
+        stale = {"sources", "model", "absorbing_layer", "elastic_ground"}
         if tables or surface is not None:
             stale |= {"mesh", "ground"}
         if [j.surface for j in self.joints] != [j.surface for j in held]:
@@ -506,6 +539,7 @@ def vary(project: Project, changes: dict[str, float]) -> Project:
     }
     reused = {name for name, needs in needs_of(config).items() if not tables & needs}
     cheap = tables <= CHEAP and "model" in known and not config.boundaries.jointed_faces
+    cheap = cheap and known["model"].joints == project.joints  # no elastic ground around sources
     if cheap:
         reused |= {"blast", "firing", "signature", "input", "inside", "sources", "absorbing_layer"}
     given = {name: known[name] for name in reused if name in known}

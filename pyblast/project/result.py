@@ -19,10 +19,12 @@ from ..signals.spectra import dominant_frequency, significant_duration, zero_cro
 from ..solver.model_file import read_arrays, write_arrays
 from ..solver.moment_density import source_radii
 from ..solver.preparation import versions
-from . import plausibility
+from ..units import plain_number
+from . import level
 from .ground import joint_of_surface
 from .inputs import input_band
 from .places import blast_table, house_positions, undamped_plane
+from .validity import band_of, validity
 
 KIND = "result"
 
@@ -216,7 +218,7 @@ def summarise(project, checked, run, simulated, comparisons):
     simulated : dict of str to Seismogram
     comparisons : dict of str to Comparison
     """
-    blast = project.config.blast
+    blast, band = project.config.blast, band_of(project)
     return {
         "title": project.title,
         "assumed": list(project.config.assumed),
@@ -227,7 +229,7 @@ def summarise(project, checked, run, simulated, comparisons):
         "joints": joint_tables(project),
         "input": None if project.input is None else input_table(project),
         "sources": source_summary(project),
-        "band": input_band(project),
+        "band": band.table() | {"input_hz": input_band(project)},
         "limit_curves": list(project.config.run.limit_curves),
         "blast": None if blast is None else blast_table(project.blast),
         "undamped": undamped_plane(project),
@@ -237,8 +239,8 @@ def summarise(project, checked, run, simulated, comparisons):
             for part in project.config.receivers
             if part.recorded is not None
         },
-        "receivers": receiver_tables(project, simulated),
-        "compliance": compliance_table(project, simulated),
+        "receivers": receiver_tables(project, simulated, band),
+        "compliance": compliance_table(project, simulated, band),
         "comparisons": {n: comparison_table(c) for n, c in comparisons.items()},
         "findings": [asdict(finding) for finding in checked.findings],
         "notes": list(checked.notes),
@@ -258,7 +260,8 @@ def summarise(project, checked, run, simulated, comparisons):
         },
         "energy": {
             n: float(v[-1]) for n, v in run.energy.items() if n not in ("time", "unbalanced")
-        },
+        }
+        | level.source_energy(project, run.energy["input"]).table(),
         "seeds": {
             "mesh": project.config.mesh.seed,
             "blast": None if blast is None else blast.seed,
@@ -267,7 +270,7 @@ def summarise(project, checked, run, simulated, comparisons):
         "files_sha256": project.input_files,
         "mesh_names": {
             "groups": list(project.model.mesh.groups),
-            "joints": [joint.surface for joint in project.joints],
+            "joints": [joint.surface for joint in project.model.joints],
             "faults": project.faults,
         },
     }
@@ -322,7 +325,7 @@ def input_table(project):
         "face": config.input.face,
         "holes": len(stages.firing.times),
         "instants": sorted({float(t) for t in np.round(stages.firing.times, 6)}),
-        "signature": f"closed form of a charged hole, {plausibility.level_words(cavity)}"
+        "signature": f"closed form of a charged hole, {level.level_words(cavity)}"
         if cavity is not None else f"recorded, {config.signature.recorded.file}",
         "signature_distance": (
             None if cavity is None else math.dist(cavity.hole_m, cavity.receiver_m)
@@ -332,7 +335,6 @@ def input_table(project):
         "superposed_ppv": stages.superposed.ppv,
         "motion_ppv": stages.motion.ppv,
         "low_pass": None if low is None else low.corner,
-        "low_pass_3db": None if low is None else low.corner_3db,
         "removed_energy": None if low is None else low.removed_energy,
         "ppv_change": None if low is None else low.ppv_change,
         "face_distance": config.input.distance_m,
@@ -343,7 +345,7 @@ def source_summary(project):
     """Return position, charge and time of holes, other sources, the absorbing layer."""
     holes = [source for source in project.sources if isinstance(source, (Hole, Column))]
     config, air = project.config.holes_inside, project.config.air_blast
-    layer = project.absorbing_layer
+    layer, ground = project.absorbing_layer, project.elastic_ground
     if layer is None and project.mesh.layer is not None:
         width = np.array(project.mesh.layer.width)[np.isfinite(project.mesh.layer.inner)]
         layer = {"width": float(width.min())}
@@ -353,10 +355,11 @@ def source_summary(project):
             {"position": centre, "charge": s.charge, "time": s.time - project.lead}
             for centre, s in zip(centres, holes, strict=True)
         ],
-        "moment_rate": config and plausibility.moment_rate_words(project),
-        "level": config and plausibility.level_rank(project),
+        "moment_rate": config and level.moment_rate_words(project),
+        "level": config and level.level_rank(project),
         "exponent": holes[0].exponent if holes else None,
         "radius": source_radii(project.model),
+        "core_m": None if ground is None else float(ground.radius.max()),
         "detonation": config and config.detonation_m_per_s,
         "forces": [
             {"position": s.position, "direction": s.direction}
@@ -387,41 +390,68 @@ def motion_table(seismogram, band=None):
     }
 
 
-def receiver_tables(project, simulated):
+def simulated_table(seismogram, band, carried) -> dict:
+    """Return the table of a simulated motion, without frequencies where the run is incomplete.
+
+    Parameters
+    ----------
+    seismogram : Seismogram
+    band : Band
+        Of the run.
+    carried : float, Hz
+        What the mesh carries at the receiver: no frequency above it is a dominant one.
+    """
+    lowest = 1.0 / seismogram.duration
+    table = motion_table(seismogram, (lowest, max(carried, 2.0 * lowest)))
+    if band.complete:
+        return table
+    absent = np.full(3, np.nan)
+    return table | {"dominant_frequency": absent, "zero_crossing_frequency": absent}
+
+
+def receiver_tables(project, simulated, band):
     """Return position, motion, simulated and recorded, and plausible range of each receiver."""
-    tables = {}
+    tables, carried = {}, {row.name: row.carried for row in validity(project)}
     for receiver in project.receivers:
         name = receiver.name
         peaks = [
-            plausibility.peak_of(group[name])
-            for group in (simulated, project.recorded)
-            if name in group
+            level.peak_of(group[name]) for group in (simulated, project.recorded) if name in group
         ]
         tables[name] = {
             "position": list(receiver.position),
             "azimuth": receiver.azimuth,
-            "simulated": motion_table(simulated[name]),
+            "carried_hz": carried[name],
+            "simulated": simulated_table(simulated[name], band, carried[name]),
             "recorded": motion_table(project.recorded[name]) if name in project.recorded else None,
-            **plausibility.level_table(
-                plausibility.plausible_at(project, receiver.position), peaks
-            ),
+            **level.level_table(project, receiver.position, peaks),
         }
     return tables
 
 
-def compliance_table(project, simulated):
-    """Return peaks of all receivers against the limit curves, and the sentence that sums it up."""
+def compliance_table(project, simulated, band):
+    """Return peaks of all receivers against the limit curves, and the sentence that sums it up.
+
+    Simulated peaks are left out where the run does not hold the band of the blast.
+    """
     curves = project.config.run.limit_curves
+    motions = {"recorded": project.recorded} | ({"simulated": simulated} if band.complete else {})
     rows = assess_all(
-        {"recorded": project.recorded, "simulated": simulated},
-        {r.name: plausibility.window_at(project, r.position) for r in project.receivers},
+        motions,
+        {r.name: level.window_at(project, r.position) for r in project.receivers},
         curves,
     )
     tables = [row.table() for row in rows]
+    words = conclusion(tables, bool(curves)) if tables or band.complete else ""
+    if not band.complete:
+        words += (
+            f" The simulation is not assessed: it holds motion up to "
+            f"{plain_number(band.carried)} Hz, the blast up to {plain_number(band.needed)} Hz "
+            "(finding D40)."
+        )
     return {
         "chosen": bool(curves),
         "frequency_method": METHOD,
-        "conclusion": conclusion(tables, bool(curves)),
+        "conclusion": words.strip(),
         "rows": tables,
     }
 

@@ -248,7 +248,7 @@ def with_waveforms(rows):
 def _spectrum_top(summary):
     """Return where frequency axes end [Hz]: twice the low-pass, or twice the band of sources."""
     if summary["input"] is None:
-        return 2.0 * summary["band"]
+        return 2.0 * summary["band"]["input_hz"]
     top = summary["input"]["low_pass"]
     return SPECTRUM_TOP if top is None else 2.0 * top
 
@@ -330,7 +330,7 @@ def _plan_figures(result):
     if maps.surface(result)[2] is not None:
         words += (
             f" with contours of the peak vector sum over its surface, up to "
-            f"{result.summary['band']:.3g} Hz (surface_peaks.csv and .asc)"
+            f"{result.summary['band']['input_hz']:.3g} Hz (surface_peaks.csv and .asc)"
         )
     yield "Plan", f"{words}; numbers are the order of firing.", ("mesh", "blast"), image
 
@@ -366,7 +366,7 @@ def _section_figures(result):
     yield (
         "Highest frequency",
         f"Highest frequency that each zone carries: Cs over {edges:g} of its mean edges; the input "
-        f"has {result.summary['band']:.3g} Hz. The same section.",
+        f"has {result.summary['band']['input_hz']:.3g} Hz. The same section.",
         ("mesh",),
         figures.section_figure(result, north, "f_max"),
     )
@@ -409,7 +409,7 @@ def _limit_figures(result):
     yield (
         "Limit curves",
         "Peaks of each component against their frequency by zero crossing. The simulation holds "
-        f"little above {result.summary['band']:.3g} Hz.{without if left_out else ''}",
+        f"little above {result.summary['band']['input_hz']:.3g} Hz.{without if left_out else ''}",
         ("receivers", "signature"),
         image,
     )
@@ -443,9 +443,9 @@ def _filter_words(table):
         return f"{text}, not filtered."
     taken = ", ".join(f"{100 * v:.3g} %" for v in table["removed_energy"] if v is not None)
     return (
-        f"{text}, before and after the low-pass at {table['low_pass']:g} Hz (-6 dB; -3 dB at "
-        f"{table['low_pass_3db']:.3g} Hz), which took {taken} of the energy of the "
-        "components that move. It shifts no phase, so that motion begins before the first firing."
+        f"{text}, before and after the low-pass at {table['low_pass']:g} Hz (-3 dB), which took "
+        f"{taken} of the energy of the components that move and delays motion by "
+        f"{340.0 / table['low_pass']:.2g} ms."
     )
 
 

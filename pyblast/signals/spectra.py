@@ -15,7 +15,6 @@ N_SMOOTHED = 500  # centre frequencies
 PADDING = 16  # length of the transform over that of the record
 N_LINES = 400  # frequencies in a smoothing window beyond which some are skipped
 LOW_PASS = 20.0  # Hz
-MINUS_3_DB = (math.sqrt(2.0) - 1.0) ** 0.125
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,15 +53,14 @@ class LowPassed:
         Fraction of the energy of each component.
     ppv_change : (3,) float64
         Relative change of PPV, negative when lower.
-    corner, corner_3db : float, Hz
-        -6 dB and -3 dB points of the filter.
+    corner : float, Hz
+        -3 dB point of the filter.
     """
 
     seismogram: Seismogram
     removed_energy: np.ndarray
     ppv_change: np.ndarray
     corner: float
-    corner_3db: float
 
 
 def amplitude_spectrum(seismogram: Seismogram, n_padded: int | None = None) -> Spectrum:
@@ -249,32 +247,33 @@ def significant_duration(
 
 
 def lowpass(seismogram: Seismogram, corner: float = LOW_PASS) -> LowPassed:
-    """Low-pass without phase shift and measure the removed energy and the change of PPV.
+    """Low-pass what a source does, and measure the removed energy and the change of PPV.
 
     Parameters
     ----------
     seismogram : Seismogram
+        Its end leaves room for the filter.
     corner : float, Hz
-        Butterworth of order 4 forward and backward: -6 dB here, -3 dB at 0.896 of it.
+        Bessel of order 4, forward only, -3 dB here: `Seismogram.lowpassed`, causal.
 
     Returns
     -------
     LowPassed
-        The removed energy is ``sum (v - v_low)^2 / sum v^2``.
+        The removed energy is ``1 - sum v_low^2 / sum v^2``.
     """
-    passed = seismogram.lowpassed(corner)
+    passed = seismogram.lowpassed(corner, causal=True)
     with np.errstate(invalid="ignore", divide="ignore"):
-        removed = np.sum((seismogram.velocity - passed.velocity) ** 2, axis=0)
-        removed = removed / np.sum(seismogram.velocity**2, axis=0)
+        removed = 1.0 - np.sum(passed.velocity**2, axis=0) / np.sum(seismogram.velocity**2, axis=0)
         change = passed.ppv / seismogram.ppv - 1.0
-    return LowPassed(passed, removed, change, corner, MINUS_3_DB * corner)
+    return LowPassed(passed, removed, change, corner)
 
 
 def highest_frequency(motion: Seismogram) -> float:
     """Return the frequency in Hz below which 95 % of the energy of a motion lies."""
     velocity = np.nan_to_num(motion.velocity)
-    power = (np.abs(np.fft.rfft(velocity, axis=0)) ** 2).sum(axis=1)
-    frequency = np.fft.rfftfreq(len(velocity), motion.dt)
+    n_padded = fast_length(4 * len(velocity))  # for finer steps of frequency
+    power = (np.abs(np.fft.rfft(velocity, n_padded, axis=0)) ** 2).sum(axis=1)
+    frequency = np.fft.rfftfreq(n_padded, motion.dt)
     return float(frequency[np.searchsorted(np.cumsum(power), 0.95 * power.sum())])
 
 

@@ -25,6 +25,7 @@ from ..mesh.mesh import locate, volumes
 from ..mesh.nodes import MOST, Nodes, stored
 from ..mesh.tetrahedra import shape_gradients
 from ..mesh.tetrahedra import volumes as tetrahedron_volumes
+from ..model.material import Elastic
 from ..model.model import Model
 from ..model.source import TimeFunction
 from .edge_springs import edge_arrays
@@ -179,10 +180,15 @@ def zone_product(model: Model, mass: np.ndarray, active: np.ndarray | None = Non
     it adds the rate times their stiffness damping.
 
     It is one step of the core from rest, without joints, loads and boundaries; springs that relax
-    act in full.
+    act in full, in hexahedra as moduli, without their memory.
     """
     alone = _no_contact()
     plain = replace(model, single=False, mesh=replace(model.mesh, layer=None))
+    laws = zone_laws(model)
+    relaxing = [group for group in model.mesh.groups if model.branches(group)]
+    if relaxing and model.mesh.hexahedral:
+        plain = replace(plain, materials=_unrelaxed(model, relaxing))
+        laws |= _branches([()] * len(model.mesh.groups))
     if model.mesh.hexahedral:
         zones, _ = pack_arrays(plain, alone["contact_node"], active)
         zones |= no_layer(False, len(zones["pack_set"]), model.mesh.order + 1)
@@ -195,7 +201,7 @@ def zone_product(model: Model, mass: np.ndarray, active: np.ndarray | None = Non
         "local_damping": 0.0,
         "node_load": np.zeros((len(mass), 3)),
         **alone,
-        **zone_laws(model),
+        **laws,
         **zones,
         **zero_loads(2),
         **no_conditions(),
@@ -212,6 +218,22 @@ def zone_product(model: Model, mass: np.ndarray, active: np.ndarray | None = Non
         return rate * motion - state["velocity"]
 
     return product
+
+
+def _unrelaxed(model, groups):
+    """Return the materials with the moduli that groups with springs that relax have at once."""
+    materials = dict(model.materials)
+    for group in groups:
+        lame, shear = model.law(group).moduli(materials[group])
+        of_s, of_p = (
+            1.0 + sum(getattr(branch, wave) for branch in model.branches(group))
+            for wave in ("shear", "compression")
+        )
+        bulk = of_p * (lame + 2.0 * shear) - 4.0 / 3.0 * of_s * shear
+        materials[group] = replace(
+            materials[group], bulk=float(bulk), shear=float(of_s * shear), law=Elastic()
+        )
+    return materials
 
 
 def geometry_arrays(model: Model, step: Step | None = None) -> tuple[dict[str, Any], CriticalStep]:

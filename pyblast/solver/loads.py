@@ -98,14 +98,32 @@ def model_loads(model: Model, impedance: Callable[[str], dict[int, np.ndarray]])
             matrices = impedance(boundary.surface)
             nodes = np.fromiter(matrices, dtype=int)
             stack = np.stack(list(matrices.values())) * (2.0 if model.doubles(boundary) else 1.0)
-            for axis, function in enumerate(components(boundary)):
-                loads.add(nodes, stack[:, :, axis], loads.add_history(function))
+            _add_input(loads, boundary, nodes, stack, model.nodes.points[nodes])
     for source in model.sources:
         if isinstance(source, PlaneWave):
             add_plane_wave(loads, model, source, impedance)
         else:
             ADDERS[type(source)](loads, model, source)
     return loads
+
+
+def _add_input(loads, boundary, nodes, stack, points):
+    """Add the tractions of a stress input, impedances ``stack`` (n, 3, 3) in N s/m at nodes (n,).
+
+    theory.md (4.3), (5.18).
+    """
+    functions = components(boundary)
+    if boundary.fronts is None:
+        for axis, function in enumerate(functions):
+            loads.add(nodes, stack[:, :, axis], loads.add_history(function))
+        return
+    amplitude, delay, turn = boundary.fronts.at(points)
+    earliest = min(0.0, float(delay.min()))  # delays are not negative
+    numbers = [loads.add_history(function, -earliest) for function in functions]
+    for size, late, rotation in zip(amplitude, delay - earliest, turn, strict=True):
+        vectors = size[:, None, None] * (stack @ rotation)
+        for axis, number in enumerate(numbers):
+            loads.add(nodes, vectors[:, :, axis], number, late)
 
 
 def components(boundary: StressInput | VelocityInput) -> list[TimeFunction]:

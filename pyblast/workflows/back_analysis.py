@@ -33,10 +33,10 @@ from ..errors import Finding, InputError, PyblastError
 from ..inference.likelihood import MISFITS
 from ..model.source import TimeFunction
 from ..project.checks import check
-from ..project.places import carried_frequency
-from ..project.plausibility import CODE as LEVEL
+from ..project.level import CODE as LEVEL
 from ..project.project import Project, load_project
 from ..project.result import comparison_table, motion_table, write_summary, write_text
+from ..project.validity import validity
 from ..report.back_analysis import summarise_posterior, write_search_report
 from ..report.survey_design import (
     beside_laboratory,
@@ -343,7 +343,7 @@ def find_moment_rate(
             f"{project.path.name}: a moment rate is found from holes_inside and from records of "
             "receivers; add receivers.recorded and the table [holes_inside.charged_hole]"
         )
-    band = carried_frequency(project)
+    band = min(row.carried for row in validity(project))
     wanted = project.config.run.compare_band_hz
     band = band if wanted is None else min(band, wanted[1])
     dt = 1.0 / (KNOTS_PER_PERIOD * PER_KNOT * band)
@@ -354,7 +354,7 @@ def find_moment_rate(
         raise InputError(f"length: must be at least {shortest}, got {length:g} s")
     pulse = spline(np.arange(0.0, 4.0 + 1e-9, 1.0 / (FINE * PER_KNOT)))
     unit = TimeFunction(pulse, dt / FINE)
-    inside = replace(project.inside, moment_rate=unit, low_pass=None)
+    inside = replace(project.inside, moment_rate=unit, low_pass=None, unfiltered=None)
     given = {**project.given, "inside": inside, "mesh": project.mesh}
     probe = replace(project, given=given)
     refuse_what_does_not_superpose(probe.model)

@@ -24,7 +24,7 @@ from ..diagnosis.summary import held_out_blasts, known_so_far, not_computed, sum
 from ..errors import InputError, ReadError, contained
 from ..project.case_folder import case_files, read_case_folder
 from ..project.flat_box import check_holes, extent_of
-from ..project.plausibility import expected_peaks, level_findings
+from ..project.level import expected_peaks, level_findings
 from ..project.project import Project, load_project, with_further
 from ..project.result import plain, write_bytes, write_summary
 from ..recordings.seismic import channel_names, mseed_bytes

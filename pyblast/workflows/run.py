@@ -14,16 +14,18 @@ from ..model.model import Model
 from ..project.checks import Check, check
 from ..project.checks_ground import ModelSummary, summarise_model
 from ..project.inputs import input_band
-from ..project.places import source_tables
-from ..project.plausibility import CODE as LEVEL
-from ..project.plausibility import (
+from ..project.level import CODE as LEVEL
+from ..project.level import (
     Peak,
+    energy_finding,
     implausible_level,
     level_findings,
     peak_of,
     plausible_of_table,
     simulated_peaks,
+    source_energy,
 )
+from ..project.places import source_tables
 from ..project.project import Project, load_project
 from ..project.result import (
     Result,
@@ -60,6 +62,7 @@ from ..units import plain_number
 from . import Interrupted, Progress, Say, csv_table, result_folder, silent, write_tables
 
 CHECKPOINT = "checkpoint.h5"
+ENERGY = "D21"
 RESULT = "result.h5"
 log = logging.getLogger(__name__)
 
@@ -284,9 +287,13 @@ def _conclude(project: Project, checked: Check, run_: Run, folder: Path) -> Outc
     """Compare with records and gather everything in a `Result`."""
     simulated = {n: s.shifted(-project.lead) for n, s in run_.seismograms.items()}
     comparisons = compare_all(project, simulated)
-    before = (finding for finding in checked.findings if finding.code != LEVEL)
-    level = level_findings(project, simulated_peaks(project, simulated))
-    checked = replace(checked, findings=(*level, *before, *record_findings(simulated)))
+    complete = "D40" not in {finding.code for finding in checked.findings}
+    judged = (ENERGY, LEVEL) if complete else (ENERGY,)  # again, by the run
+    before = (finding for finding in checked.findings if finding.code not in judged)
+    level = level_findings(project, simulated_peaks(project, simulated, complete))
+    energy = energy_finding(source_energy(project, run_.energy["input"]))
+    after = (*(() if energy is None else (energy,)), *record_findings(simulated))
+    checked = replace(checked, findings=(*level, *before, *after))
     stages, names = project.input, ("signature", "superposed", "motion")
     groups = {
         "input": {} if stages is None else {name: getattr(stages, name) for name in names},

@@ -88,7 +88,7 @@ def test_least_squares_goes_down_in_13_runs_and_is_resumed_to_the_same_trace(twi
 
     again = by_least_squares(twin, tmp_path / "cut.jsonl", resume=True)
 
-    assert whole.misfits.min() < 0.25 * whole.misfits[0]
+    assert whole.misfits.min() < 0.4 * whole.misfits[0]
     assert np.array_equal(again.points, whole.points)
     assert np.array_equal(again.misfits, whole.misfits)
 

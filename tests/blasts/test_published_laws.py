@@ -81,9 +81,18 @@ def test_a_peak_a_hundred_times_off_lies_outside_wherever_laws_reach():
         assert plausible.excess(100.0 * middle) > 5.0
 
 
-@pytest.mark.parametrize("scaled", [0.4, 500.0])
-def test_no_law_speaks_of_what_lies_nearer_or_farther_than_its_chart(scaled):
-    assert plausible_ppv(scaled, 1.0) is None
+def test_no_law_speaks_of_what_lies_farther_than_its_chart_and_near_ones_go_on():
+    assert plausible_ppv(500.0, 1.0) is None
+    assert plausible_ppv(0.2, 1.0).low > plausible_ppv(0.51, 1.0).low
+
+
+def test_the_range_of_one_law_is_its_own():
+    law = BY_NAME["AS 2187.2-2006"]
+
+    plausible = plausible_ppv(DISTANCE, CHARGE, [law])
+
+    assert (plausible.low, plausible.high) == law.ends(DISTANCE, CHARGE)
+    assert plausible.laws == (law.name,)
 
 
 def test_a_charge_that_is_none_is_refused():

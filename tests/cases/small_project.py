@@ -77,6 +77,14 @@ duration_s = 0.1
 snapshots_s = [0.05]
 """
 
+# One hole, ground and pulse of which the mesh carries all: the run holds the motion of its blast.
+CARRIED = (
+    ("bulk_mpa = 125\nshear_mpa = 57.7", "bulk_mpa = 15600\nshear_mpa = 7200"),
+    ("grid_cells = [6, 2, 3]", "grid_cells = [12, 4, 6]"),
+    ("peak_time_ms = 30", "peak_time_ms = 150"), ("rows = 4", "rows = 1"),
+    ("holes_per_row = 15", "holes_per_row = 1"),
+)  # fmt: skip
+
 INSIDE = """
 title = "Three holes"
 [mesh]

@@ -15,7 +15,6 @@ from pyblast.project.checks import check
 from pyblast.project.checks_ground import carried_frequency
 from pyblast.project.places import face_distance
 from pyblast.project.project import load_project
-from pyblast.signals.seismogram import Seismogram
 
 SOIL = Material(2000.0, 125e6, 57.7e6, cohesion=15e3)
 SCHIST = Material(2660.0, 15.6e9, 7.2e9, cohesion=11e6)
@@ -37,15 +36,14 @@ def test_d1_frequency_carried_by_five_metre_zones(material, hz):
     assert carried_frequency(material.cs, 5.0) == pytest.approx(hz, abs=0.05)
 
 
-def test_d1_the_soil_fails_and_says_what_it_would_cost():
-    finding = checks_loads.coarse_zones("soil", SOIL, 5.0, 1e5, 20.0, {"R1": 5.0})
+def test_d1_says_what_the_soil_carries_and_what_more_would_cost():
+    finding = checks_loads.coarse_zones("soil", SOIL, 5.0, 1e5, 20.0)
 
-    assert finding.failed
+    assert not finding.failed  # whether a receiver suffers by it says D40
     assert finding.numbers["carried_8"] == pytest.approx(4.25, abs=0.01)
     assert finding.numbers["needed_edge"] == pytest.approx(0.85, abs=0.005)
     assert finding.numbers["zones_now"] == pytest.approx(6.8e3, rel=0.01)
     assert finding.numbers["zones_needed"] == pytest.approx(1.4e6, rel=0.02)
-    assert "R1 stands on it" in finding.text
 
 
 def test_d1_asks_three_edges_of_zones_with_15_nodes(tmp_path):
@@ -57,20 +55,12 @@ def test_d1_asks_three_edges_of_zones_with_15_nodes(tmp_path):
     found = [f for f in check(project, measure=False).findings if f.code == "D1"]
 
     assert [f.numbers["carried"] for f in found] == [pytest.approx(carried["soil"])]
-    assert checks_loads.coarse_zones("soil", SOIL, 2.7, 1e5, 20.0, {}, 3.0) is None
-
-
-def test_d1_does_not_fail_where_zones_are_short_around_the_receiver():
-    graded = checks_loads.coarse_zones("soil", SOIL, 5.0, 1e5, 20.0, {"R1": 0.8})
-
-    assert not graded.failed
-    assert "around R1 the zones are short enough" in graded.text
-    assert checks_loads.coarse_zones("soil", SOIL, 5.0, 1e5, 20.0, {"R1": 0.8, "R2": 1.0}).failed
+    assert checks_loads.coarse_zones("soil", SOIL, 2.7, 1e5, 20.0, 3.0) is None
 
 
 def test_d1_the_rocks_pass():
-    assert checks_loads.coarse_zones("schist", SCHIST, 5.0, 1e5, 20.0, {}) is None
-    assert checks_loads.coarse_zones("magnetite", MAGNETITE, 5.0, 1e5, 20.0, {}) is None
+    assert checks_loads.coarse_zones("schist", SCHIST, 5.0, 1e5, 20.0) is None
+    assert checks_loads.coarse_zones("magnetite", MAGNETITE, 5.0, 1e5, 20.0) is None
 
 
 def test_d2_wavelengths_at_four_hertz():
@@ -260,15 +250,14 @@ def test_d20_too_large_a_charge_fails():
     assert checks_loads.charge_fits(900.0, 0.25, 17.0).failed
 
 
-def test_a_check_names_the_failing_material_and_the_receiver_on_it(tmp_path):
+def test_a_check_names_the_coarse_material(tmp_path):
     found = check(load_project(written(tmp_path)), measure=False)
 
     first = found.findings[0]
 
-    assert found.failed
-    assert (first.code, first.failed) == ("D1", True)
+    assert found.failed  # by D40: the run holds a part of the band of the blast
+    assert first.code == "D1"
     assert "'soil'" in first.title
-    assert "R1 stands on it" in first.text
 
 
 def test_a_check_finds_both_readings_of_the_boundaries(tmp_path):
@@ -300,21 +289,3 @@ def test_the_distance_from_the_blast_to_the_face_comes_from_the_holes(tmp_path):
 
     assert distance == pytest.approx(39.0)
     assert math.isclose(reach, 10.0, abs_tol=2.0)
-
-
-def test_d21_the_energy_of_a_plane_wave_is_that_of_its_closed_form():
-    pulse = 0.5 * np.sin(np.linspace(0.0, np.pi, 1001))[:, None] * [1.0, 0.0, 0.0]
-    motion = Seismogram(pulse, 1e-4)
-
-    finding = checks_loads.load_energy(motion, [(1e4, MAGNETITE)], 1000.0)
-
-    assert finding.numbers["energy"] == pytest.approx(
-        1e4 * MAGNETITE.density * MAGNETITE.cp * 0.25 * 0.05, rel=1e-6
-    )
-    assert finding.numbers["share"] == pytest.approx(finding.numbers["energy"] / 3.8e9)
-
-
-def test_d21_is_silent_where_little_of_the_charge_becomes_waves():
-    motion = Seismogram(np.full((100, 3), 0.01), 1e-3)
-
-    assert checks_loads.load_energy(motion, [(1e4, MAGNETITE)], 27000.0) is None

@@ -76,7 +76,7 @@ def charged(radius, charge, exponent):
         material="rock", charge_kg=charge, radius_m=radius, pressure_mpa=100, peak_time_ms=40
     )
     config = HolesInsideConfig(charged_hole=hole)
-    return make_moment_rate(config, exponent, {"rock": ROCK}, None)[0]
+    return make_moment_rate(config, exponent, {"rock": ROCK}, None)
 
 
 def test_the_moment_of_a_charged_hole_is_brought_to_one_kilogram():

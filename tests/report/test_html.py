@@ -4,7 +4,7 @@ from html.parser import HTMLParser
 
 import numpy as np
 import pytest
-from small_project import written
+from small_project import CARRIED, written
 
 from pyblast import Seismogram
 from pyblast.project.result import read_result, write_csv
@@ -90,7 +90,7 @@ def test_links_within_the_page_lead_somewhere(page):
 
 def test_the_chosen_limit_curves_judge_the_peaks(tmp_path, page):
     curves = 'duration_s = 0.1\nlimit_curves = ["din_4150_dwelling", "as_2187_occupied"]'
-    outcome = run.run(written(tmp_path, ("duration_s = 0.1", curves)))
+    outcome = run.run(written(tmp_path, ("duration_s = 0.1", curves), *CARRIED))
     summary = outcome.result.summary
 
     drawn = render(outcome.result)
@@ -211,12 +211,13 @@ def test_a_section_cuts_a_joint_in_its_trace():
 
 
 def test_the_a4_page_holds_what_an_inspector_asks_for(tmp_path):
-    project = run.load_project(written(tmp_path))
+    project = run.load_project(written(tmp_path, *CARRIED))
     write_csv(tmp_path / "R1.csv", project.input.motion.rotated(np.pi / 2.0))
     facts = 'serial_number = "UM<1>", calibration_date = "2026-01-02", operator = "A. Blaster"'
     path = written(
-        tmp_path, ('name = "R1"', f'name = "R1"\nrecorded = {{ file = "R1.csv", {facts} }}')
-    )
+        tmp_path, *CARRIED,
+        ('name = "R1"', f'name = "R1"\nrecorded = {{ file = "R1.csv", {facts} }}'),
+    )  # fmt: skip
     outcome = run.run(path)
 
     text = (outcome.folder / "report_one_page.html").read_text(encoding="utf-8")

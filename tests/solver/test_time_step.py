@@ -12,9 +12,9 @@ from pyblast.mesh.builder import Layer, structured_box
 from pyblast.mesh.mesh import Mesh, volumes
 from pyblast.model.boundary import Viscous
 from pyblast.model.joint import Joint
-from pyblast.model.material import Damping, Material
+from pyblast.model.material import ConstantQ, Damping, Material
 from pyblast.model.model import Model
-from pyblast.solver import time_step
+from pyblast.solver import assembly, time_step
 from pyblast.solver.preparation import prepare
 from pyblast.solver.run import simulate
 from verification.cases.full_space import cavity_radii
@@ -288,3 +288,22 @@ def test_dashpots_cost_no_step():
 
     assert result.balance_error < 1e-10
     assert result.energy["dashpots"][-1] > 0.5 * result.energy["kinetic"][0]
+
+
+@pytest.mark.parametrize("damping", [None, Damping(0.02, 10.0, corner=150.0)])
+def test_moduli_at_once_act_as_the_springs_that_relax_do(monkeypatch, damping):
+    box = structured_box((2, 2, 2), (40.0, 40.0, 40.0), order=3)
+    law = ConstantQ(50.0, 30.0, (1.0, 60.0))
+    model = Model(
+        box, {"rock": Material.from_speeds(2500.0, 3000.0, 1500.0, law=law)}, damping=damping
+    )
+    mass = np.ones(len(model.nodes.points))
+    motion = np.random.default_rng(1).standard_normal((len(mass), 3))
+    quick = assembly.zone_product(model, mass)(motion, 7.0)
+
+    by_set, branches = [model.branches("rock")], assembly._branches
+    monkeypatch.setattr(assembly, "_unrelaxed", lambda model, _: model.materials)
+    monkeypatch.setattr(assembly, "_branches", lambda _: branches(by_set))
+    springs = assembly.zone_product(model, mass)(motion, 7.0)
+
+    assert np.abs(quick - springs).max() < 1e-12 * np.abs(springs).max()

@@ -1,0 +1,208 @@
+"""Where a run holds: receivers and frequencies that count."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import KDTree
+
+from ..errors import Finding
+from ..mesh.mesh import edge_lengths
+from ..signals.spectra import highest_frequency
+from ..units import plain_number
+from .inputs import unfiltered
+from .places import normal_axis, radiating_positions
+from .project import Project
+
+LEAST_ENERGY, LEAST_PEAK = 0.95, 0.9  # shares of the blast's motion that a run has to hold
+SAMPLES = 200  # along the way to a receiver
+THIN = 8.0  # layers thinner than a wavelength over this move as one
+STIFF = 0.5  # S speed over that around the sources, of ground through which waves come
+
+
+@dataclass(frozen=True)
+class ReceiverValidity:
+    """Where a run holds at one receiver.
+
+    Parameters
+    ----------
+    name : str
+    carried : float, Hz
+        Highest frequency that the mesh carries on the straight way from the sources.
+    limited_by : str
+        The ground on that way that carries least.
+    """
+
+    name: str
+    carried: float
+    limited_by: str
+
+
+@dataclass(frozen=True)
+class Band:
+    """Frequencies of a run beside those of its blast.
+
+    Parameters
+    ----------
+    carried, needed : float, Hz
+        What the mesh carries at all receivers; below what 95 % of the energy of the motion lies
+        that enters, before any low-pass.
+    limited_by : str
+        Ground that sets ``carried``; of the thinnest waves where nothing is received.
+    energy_share, peak_share : float
+        What the run holds of the energy and of the peak of that motion.
+    """
+
+    carried: float
+    needed: float
+    limited_by: str
+    energy_share: float
+    peak_share: float
+
+    @property
+    def complete(self) -> bool:
+        """Whether peaks, frequencies and limits may be compared."""
+        return self.energy_share >= LEAST_ENERGY and self.peak_share >= LEAST_PEAK
+
+    def table(self) -> dict:
+        """Return the table ``band`` of a summary."""
+        return {
+            "carried_hz": self.carried, "needed_hz": self.needed, "limited_by": self.limited_by,
+            "energy_share": self.energy_share, "peak_share": self.peak_share,
+            "complete": self.complete,
+        }  # fmt: skip
+
+
+def validity(project: Project) -> tuple[ReceiverValidity, ...]:
+    """Return where the run of a project holds, for each receiver.
+
+    Notes
+    -----
+    The mesh carries ``cs / (n e)`` in the zones, of mean edge e, that the way from the middle of
+    the sources to the receiver meets, at last up through its soft ground; n edges make a
+    wavelength. A layer of height H
+    carries ``cs / 8 H`` at least: below that frequency it moves as one.
+    """
+    mesh = project.model.mesh
+    zones = KDTree(mesh.points[mesh.zones].mean(axis=1))
+    return tuple(
+        ReceiverValidity(r.name, *_least(project, zones, _way(project, zones, r.position)))
+        for r in project.receivers
+    )
+
+
+def _way(project: Project, zones, position):
+    """Return points (n, 3) on the way from the sources of a project to a receiver.
+
+    Waves turn upwards into soft ground: the way goes straight to the stiff ground below the
+    receiver, and from there up.
+    """
+    share = np.linspace(0.0, 1.0, SAMPLES)[:, None]
+    end, start = np.asarray(position, dtype=float), _middle(project, position)
+    mesh, cs = project.model.mesh, project.model.zone_values("cs")
+    below = end - share * [0.0, 0.0, np.ptp(mesh.points[:, 2])]
+    below = below[below[:, 2] >= mesh.points[:, 2].min()]
+    stiff = cs[zones.query(below)[1]] >= STIFF * cs[zones.query(start)[1]]
+    turn = below[int(np.argmax(stiff)) if stiff.any() else 0]
+    return np.concatenate([start + share * (turn - start), turn + share * (end - turn)])
+
+
+def _middle(project: Project, position):
+    """Return the middle (3,) of the sources, or where their waves enter the face."""
+    sources = radiating_positions(project)
+    if len(sources):
+        return sources.mean(axis=0)
+    mesh, across = project.mesh, normal_axis(project)
+    face = mesh.points[np.unique(mesh.surfaces[project.config.input.face])]
+    start = np.array(position, dtype=float)
+    if project.blast is not None:
+        start[2] = np.clip(project.blast.centres[:, 2].mean(), face[:, 2].min(), face[:, 2].max())
+    start[across] = face[:, across].mean()
+    return start
+
+
+def _least(project: Project, zones, points):
+    """Return the frequency in Hz that zones next to points carry, and which ground sets it."""
+    model = project.model
+    mesh, (_, zone) = model.mesh, zones.query(points)
+    edges = model.edges_per_wavelength * edge_lengths(mesh)[zone].mean(axis=1)
+    speed, group = model.zone_values("cs")[zone], mesh.zone_group[zone]
+    layers = project.config.mesh.layers
+    height = {part.material: part.thickness_m for part in layers if part.thickness_m is not None}
+    carried = {}
+    for number in np.unique(group):
+        own, name = group == number, mesh.groups[number]
+        carried[name] = 1.0 / float(np.mean(edges[own] / speed[own]))
+        if name in height:
+            carried[name] = max(carried[name], float(speed[own].mean()) / (THIN * height[name]))
+    name = min(carried, key=lambda group: carried[group])
+    return carried[name], name
+
+
+def band_of(project: Project) -> Band:
+    """Return the band of the run of a project beside that of its blast."""
+    before, after = unfiltered(project), project.motions
+    needed = max(highest_frequency(motion) for motion in before)
+    rows = validity(project)
+    if rows:
+        least = min(rows, key=lambda row: row.carried)
+        carried, ground = least.carried, least.limited_by
+    else:
+        by_group = project.model.highest_frequency()
+        ground = min(by_group, key=lambda name: by_group[name])
+        carried = by_group[ground]
+    shares = [_held(whole, passed, carried) for whole, passed in zip(before, after, strict=True)]
+    energy, peak = np.min(shares, axis=0)
+    return Band(carried, needed, ground, float(energy), float(peak))
+
+
+def _held(whole, passed, carried):
+    """Return which share of energy and peak of a motion its low-passed one has up to `carried`."""
+    velocity = np.nan_to_num(passed.velocity)
+    spectrum = np.fft.rfft(velocity, axis=0)
+    spectrum[np.fft.rfftfreq(len(velocity), passed.dt) > carried] = 0.0
+    carried_motion = np.fft.irfft(spectrum, len(velocity), axis=0)
+    before = np.nan_to_num(whole.velocity)
+    energy, peak = np.sum(before**2), np.abs(before).max()
+    if not peak > 0.0:
+        return 1.0, 1.0
+    return np.sum(carried_motion**2) / energy, np.abs(carried_motion).max() / peak
+
+
+def band_finding(project: Project, band: Band) -> Finding | None:
+    """D40: a run that holds less than the band of its blast; None where it holds it."""
+    if band.complete:
+        return None
+    corner = project.inside.low_pass
+    if project.input is not None:
+        corner = project.config.input.low_pass_hz
+    filtered = "" if corner is None else f" (low-passed at {plain_number(corner)} Hz)"
+    return Finding(
+        "D40",
+        "The run does not hold the motion of the blast",
+        f"It holds motion up to {plain_number(band.carried)} Hz{filtered}, the blast has motion up "
+        f"to {plain_number(band.needed)} Hz: {100 * band.energy_share:.2g} % of the energy and "
+        f"{100 * band.peak_share:.2g} % of the peak of what enters are in the run. '"
+        f"{band.limited_by}' decides that.{_price(project, band)} Peaks are those of motion below "
+        f"{plain_number(band.carried)} Hz; frequencies and limits are not compared.",
+        True,
+        {"carried": band.carried, "needed": band.needed, "energy": band.energy_share,
+         "peak": band.peak_share},
+    )  # fmt: skip
+
+
+def _price(project: Project, band):
+    """Return what a mesh for the band of the blast would cost, a sentence."""
+    model = project.model
+    ratio = {name: band.needed / hz for name, hz in model.highest_frequency().items()}
+    ratio[band.limited_by] = max(ratio[band.limited_by], band.needed / band.carried)
+    if max(ratio.values()) <= 1.0:
+        return " Its mesh carries more; raise low_pass_hz."
+    edge = float(model.mean_edges()[band.limited_by]) / ratio[band.limited_by]
+    counts = np.bincount(model.mesh.zone_group, minlength=len(model.mesh.groups))
+    finer = [max(1.0, ratio.get(name, 1.0)) ** 3 for name in model.mesh.groups]
+    zones, now = float(counts @ finer), len(model.mesh.zones)
+    longer = zones / now * max(ratio.values())
+    return (
+        f" Edges of {plain_number(edge, 2)} m there, in all about {plain_number(zones, 2)} zones "
+        f"in place of {now}, carry it in about {plain_number(longer, 2)} times the run time."
+    )

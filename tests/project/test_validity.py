@@ -1,0 +1,99 @@
+"""Where a run holds: the ground on the way counts, frequencies above what it carries do not."""
+
+import numpy as np
+import pytest
+from small_project import INSIDE, written
+
+from pyblast.project.checks import check
+from pyblast.project.project import load_project
+from pyblast.project.result import compliance_table, simulated_table
+from pyblast.project.validity import band_finding, band_of, validity
+from pyblast.signals.seismogram import Seismogram
+
+LAYERS = '[[mesh.layers]]\nmaterial = "rock"'
+SOIL = '[[mesh.layers]]\nmaterial = "soil"\nthickness_m = {}\n' + LAYERS
+SLOW = ("[materials.rock]", "[materials.soil]\ndensity_kg_per_m3 = 1900\ncp_m_per_s = 800\n"
+        "cs_m_per_s = 300\n[materials.rock]")  # fmt: skip
+HOLE = ("peak_time_ms = 40", "frequency_hz = 12")
+DEEP = ("position_m = [14, 10, 30]", "position_m = [14, 10, 20]")
+
+
+def layered(folder, thickness, *changes):
+    changes = (("peak_time_ms = 40", "frequency_hz = 8"), *changes)
+    soil = (LAYERS, SOIL.format(thickness))
+    return load_project(written(folder, soil, SLOW, DEEP, *changes, text=INSIDE))
+
+
+def test_the_soil_limits_its_receiver_and_not_what_enters_in_the_rock(tmp_path):
+    project = layered(tmp_path, 10)
+
+    (row,) = validity(project)
+    carried = project.model.highest_frequency()
+
+    assert row.limited_by == "soil"
+    assert row.carried == pytest.approx(carried["soil"], rel=0.05)
+    assert project.inside.low_pass is None  # the rock around the holes carries what 8 Hz need
+    assert carried["soil"] < 0.3 * carried["rock"]
+
+
+def test_a_layer_much_thinner_than_a_wave_moves_as_one(tmp_path):
+    coarse = ("grid_cells = [12, 4, 6]", "grid_cells = [6, 2, 15]")
+
+    (row,) = validity(layered(tmp_path, 2, coarse))
+
+    assert row.limited_by == "rock"  # the soil alone carries 300 m/s / (8 x 2 m) = 18.75 Hz
+    assert row.carried < 18.75
+
+
+def test_a_pulse_of_a_frequency_needs_twice_of_it(tmp_path):
+    band = band_of(load_project(written(tmp_path, HOLE, text=INSIDE)))
+
+    # theory.md (5.2): 95 % of the energy of the order 8 lies below 2.03 times the frequency.
+    assert band.needed == pytest.approx(2.03 * 12.0, rel=0.03)
+    assert band.complete
+    assert band.peak_share == pytest.approx(1.0, abs=0.05)
+
+
+def test_a_short_pulse_is_incomplete_and_nothing_is_compared(tmp_path):
+    short = ("peak_time_ms = 40", "frequency_hz = 60")
+    project = load_project(written(tmp_path, short, text=INSIDE))
+    ringing = motion([8.0, 90.0])
+
+    band = band_of(project)
+    found = band_finding(project, band)
+    table = compliance_table(project, {"house": ringing}, band)
+
+    assert not band.complete
+    assert found.failed
+    assert "the blast has motion up to 12" in found.text
+    assert check(project, measure=False).failed
+    assert table["rows"] == []
+    assert "not assessed" in table["conclusion"]
+    assert np.isnan(simulated_table(ringing, band, 34.0)["dominant_frequency"]).all()
+
+
+def motion(frequencies):
+    times = np.arange(2048) / 1024.0
+    size = np.exp(-((times - 1.0) ** 2) / 0.05)
+    tones = [n * size * np.sin(2.0 * np.pi * hz * times) for n, hz in enumerate(frequencies, 1)]
+    return Seismogram(np.outer(sum(tones), [1.0, 0.5, 0.2]), 1.0 / 1024.0)
+
+
+def test_ringing_above_what_the_mesh_carries_is_no_dominant_frequency(tmp_path):
+    band = band_of(load_project(written(tmp_path, HOLE, text=INSIDE)))
+
+    table = simulated_table(motion([8.0, 90.0]), band, 34.0)
+
+    assert table["dominant_frequency"] == pytest.approx([8.0] * 3, rel=0.03)
+
+
+def test_a_check_does_not_fail_on_a_low_pass_that_the_program_chose(tmp_path):
+    """What the low-pass takes says D40 alone; D1 never asks for more than the program chose."""
+    level = ("pressure_mpa = 100", "distance_m = 40")
+    path = written(tmp_path, ("peak_time_ms = 40", "frequency_hz = 20"), level, text=INSIDE)
+    project = load_project(path)
+
+    found = check(project, measure=False).findings
+
+    assert project.inside.low_pass is not None
+    assert {finding.code for finding in found if finding.failed} <= {"D40"}
