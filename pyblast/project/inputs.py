@@ -12,7 +12,7 @@ from ..blasts.signature import (
     SmoothPulse,
     cavity_moment,
     cavity_seismogram,
-    moment_velocity,
+    moment_for_peak,
     pressure_for_peak,
     superpose,
     travel_shifts,
@@ -25,10 +25,9 @@ from ..recordings.recording import Recording, first_recording, read_recording
 from ..signals.seismogram import GEOGRAPHIC, Seismogram
 from ..signals.spectra import LowPassed, dominant_frequency, highest_frequency, lowpass
 from ..units import to_si
-from .places import carried_frequency, level_distance
+from .places import carried_frequency, charge_depth, level_distance
 
 QUIET_CYCLES = 3.0
-FREE_SURFACE = 2.0  # ground over unbounded rock
 
 
 @dataclass(frozen=True, eq=False)
@@ -315,7 +314,9 @@ FREQUENCY = 20.0  # Hz, of a hole without one
 STEP_DOWN = 0.95  # between low-passes that are tried
 
 
-def make_moment_rate(config, exponent, materials, folder, distance=math.nan) -> TimeFunction:
+def make_moment_rate(
+    config, exponent, materials, folder, distance=math.nan, depth=None
+) -> TimeFunction:
     """Turn a `HolesInsideConfig` into the moment rate of 1 kg, N m/s, with all its frequencies.
 
     Parameters
@@ -327,12 +328,14 @@ def make_moment_rate(config, exponent, materials, folder, distance=math.nan) -> 
     folder : Path
     distance : float, m, optional
         Where a law sets the level of a charged hole without distance_m.
+    depth : float, m, optional
+        Of the charge under a free surface; None: unbounded rock.
 
     Notes
     -----
     ``M = pi a^3 p(t) cp^2/cs^2``, right for waves much longer than the cavity: theory.md (5.2).
-    A peak on the ground is twice that in unbounded rock. A law or a peak is one of motion with all
-    its frequencies, so it sets the level before any low-pass.
+    A peak on the ground is that of a half-space, `ground_peak`. A law or a peak is one of motion
+    with all its frequencies, so it sets the level before any low-pass.
     """
     if config.moment_rate_file is not None:
         return read_time_function(folder / config.moment_rate_file, MOMENT_RATE_HEADS)
@@ -347,12 +350,11 @@ def make_moment_rate(config, exponent, materials, folder, distance=math.nan) -> 
     moment = cavity_moment(hole.radius_m, pressure, rock.cp, rock.cs)
     unit = TimeFunction(np.gradient(moment, dt), dt)
     if hole.pressure_mpa is not None:
-        level = to_si("pressure_mpa", hole.pressure_mpa)[1]
+        unit = replace(unit, values=to_si("pressure_mpa", hole.pressure_mpa)[1] * unit.values)
     else:
         away = float(hole.distance_m or distance)
-        motion = moment_velocity(unit.values, unit.dt, away, rock.density, rock.cp)
-        level = level_peak(hole, away) / (FREE_SURFACE * float(np.abs(motion).max()))
-    return replace(unit, values=level * unit.values / hole.charge_kg**exponent)
+        unit = moment_for_peak(unit, level_peak(hole, away), away, depth, rock)
+    return replace(unit, values=unit.values / hole.charge_kg**exponent)
 
 
 def hole_pulse(hole) -> SmoothPulse:
@@ -494,7 +496,10 @@ def read_inside(project) -> Inside:
         with named_error("holes_inside"):
             by_law = hole is not None and hole.pressure_mpa is None
             distance = level_distance(config, project.blast) if by_law else math.nan
-            whole = make_moment_rate(config.holes_inside, exponent, materials, folder, distance)
+            depth = charge_depth(config, project.blast)
+            whole = make_moment_rate(
+                config.holes_inside, exponent, materials, folder, distance, depth
+            )
             low_pass = config.holes_inside.low_pass_hz or ("none" if hole is None else "mesh")
             rate, corner = within_band(whole, low_pass, lambda: carried_frequency(project))
     if config.air_blast is not None:

@@ -16,7 +16,7 @@ from ..blasts.published_laws import (
     PublishedLaw,
     plausible_ppv,
 )
-from ..blasts.signature import moment_velocity, superpose
+from ..blasts.signature import ground_peak, moment_velocity, superpose
 from ..errors import Finding
 from ..mesh.faces import face_vectors
 from ..mesh.mesh import surface_zones
@@ -24,8 +24,8 @@ from ..model.boundary import StressInput
 from ..signals.seismogram import Seismogram
 from ..signals.spectra import highest_frequency
 from ..units import plain_number
-from .inputs import FREE_SURFACE, level_peak, radiated, shape
-from .places import face_areas, full_tensor, level_distance, normal_axis
+from .inputs import level_peak, radiated, shape
+from .places import charge_depth, face_areas, full_tensor, level_distance, normal_axis
 from .project import Project
 
 CODE = "D36"
@@ -255,14 +255,17 @@ def radiated_peak(project: Project, distance: float) -> float:
 
     Notes
     -----
-    Isotropic source of moment M in unbounded rock, doubled at the free surface, all holes at one
-    distance: ``v = 2 (M'/r^2 + M''/(r cp)) / (4 pi density cp^2)``, theory.md (13.9).
+    Isotropic source of moment M, all holes at one distance: the motion of unbounded rock,
+    ``v = (M'/r^2 + M''/(r cp)) / (4 pi density cp^2)``, theory.md (13.9), times what the peak of
+    one hole on the ground is over that, `ground_peak`.
     """
     inside, rock = project.inside, rock_of_holes(project)
     rate = inside.unfiltered or inside.moment_rate
     alone = moment_velocity(rate.values, rate.dt, distance, rock.density, rock.cp)
     history = superpose(shape(rate, alone), inside.firing).velocity[:, 0]
-    return FREE_SURFACE * float(np.abs(history).max())
+    depth = charge_depth(project.config, project.blast)
+    over = ground_peak(rate, distance, depth, rock) / float(np.abs(alone).max())
+    return over * float(np.abs(history).max())
 
 
 def rock_of_holes(project: Project):
