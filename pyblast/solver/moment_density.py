@@ -15,9 +15,10 @@ from ..model.source import Column, Hole, MomentTensor, PointForce, TimeFunction
 
 # Radius, where nothing is near, and least radius, beyond nearer faces the density is cut off: over
 # the shortest edge of hexahedra, over the mean edge of quadratic and linear tetrahedra.
-RADII = {"hexahedra": (0.6, 0.1), "quadratic": (0.8, 0.4), "linear": (1.2, 1.0)}
+RADII = {"hexahedra": (0.6, 0.1), "quadratic": (0.8, 0.4), "linear": (1.0, 1.0)}
 # Largest error measured at distances over the edge, of spheres and of those that a near surface
 # clips below 0.4 edges; linear tetrahedra are right to some per cent at best.
+SMALLEST = 0.1  # the same of a radius that is given
 ERRORS = {
     "hexahedra": (
         (0.0, 0.15, 0.3, 0.45, 0.6, 0.75, 1.0, 1.25, 1.5),
@@ -59,19 +60,19 @@ def source_radius(
         That holds the position.
     position : (3,) float64, m
     given : float, m, optional
-        In place of 0.6 of the shortest edge of hexahedra, 0.8 or 1.2 of the mean edge of quadratic
+        In place of 0.6 of the shortest edge of hexahedra, 0.8 or 1 of the mean edge of quadratic
         or linear tetrahedra.
 
     Returns
     -------
     float, m
-        At most the distance to free surfaces, joints and other ground, at least 0.1 of the edge of
-        hexahedra, 0.4 or 1 of the mean edge of quadratic or linear tetrahedra.
+        At most the distance to free surfaces, joints and other ground. At least 0.1 of the edge of
+        hexahedra, 0.4 or 1 of the mean edge of quadratic or linear tetrahedra, 0.1 if given.
     """
     mesh = nodes.mesh
     edge = edge_at(mesh, zone)
     usual, least = RADII[kind_of(nodes)]
-    radius = usual * edge if given is None else given
+    radius, least = (usual * edge, least) if given is None else (given, SMALLEST)
     return float(max(min(radius, clearance(mesh, position, radius)), least * edge))
 
 
