@@ -317,9 +317,7 @@ def _merged(group: list[FieldRecord]) -> FieldRecord:
             raise ReadError(f"{first.file} and {len(group) - 1} others: {error}") from None
     used = {part.name for part in window.stretches}
     members = [record for record in group if record.file in used]
-    skips = [
-        round((window.start - part.start) / dt) for part in window.stretches
-    ]  # fmt: skip
+    skips = [window.skip(n, dt) for n in range(len(members))]
     parts = [record.gather for record in members]
     gather = replace(
         first.gather,

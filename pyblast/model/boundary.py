@@ -7,6 +7,7 @@ from itertools import combinations
 import numpy as np
 
 from ..errors import InputError
+from ..mesh.mesh import Mesh, inner_facets
 from ..signals.seismogram import GEOGRAPHIC, Seismogram
 from .material import Material
 
@@ -192,15 +193,15 @@ class VelocityInput:
 Boundary = Viscous | Roller | Fixed | FreeField | StressInput | VelocityInput
 
 
-def check_boundaries(boundaries: Sequence[Boundary], surfaces: dict[str, np.ndarray]) -> None:
-    """Raise InputError for boundaries on unknown surfaces and for incompatible boundaries.
+def check_boundaries(boundaries: Sequence[Boundary], mesh: Mesh) -> None:
+    """Raise InputError for boundaries on unknown or inner surfaces, and for incompatible ones.
 
     Parameters
     ----------
     boundaries : sequence of boundary conditions
-    surfaces : dict of str to (n, 3) int
-        Triangles.
+    mesh : Mesh
     """
+    surfaces = mesh.surfaces
     viscous = {b.surface for b in boundaries if isinstance(b, Viscous)}
     for boundary in boundaries:
         kind, surface = type(boundary).__name__, boundary.surface
@@ -208,6 +209,7 @@ def check_boundaries(boundaries: Sequence[Boundary], surfaces: dict[str, np.ndar
             raise InputError(
                 f"boundaries.{surface}: no such surface; there are {', '.join(surfaces)}"
             )
+        _refuse_inner(surface, mesh)
         if isinstance(boundary, VelocityInput) and surface in viscous:
             raise InputError(
                 f"boundaries.{surface}: a velocity can't be prescribed on a viscous surface: its "
@@ -230,6 +232,18 @@ def check_boundaries(boundaries: Sequence[Boundary], surfaces: dict[str, np.ndar
                 "which would have to follow two velocities; give both surfaces the same seismogram "
                 "or one of them no velocity"
             )
+
+
+def _refuse_inner(surface, mesh):
+    """Raise InputError for a boundary on a joint, or on facets between two zones."""
+    if mesh.contacts is not None and surface in mesh.contacts.names:
+        raise InputError(f"boundaries.{surface}: is a joint; only outer sides take a condition")
+    inner, _ = inner_facets(mesh, surface)
+    if inner.any():
+        raise InputError(
+            f"boundaries.{surface}: {np.count_nonzero(inner)} of its {len(inner)} facets lie "
+            "between two zones; only outer sides absorb, are held or are moved"
+        )
 
 
 def _equal(first, second):

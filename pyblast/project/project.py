@@ -15,7 +15,7 @@ from ..config.ground import GroundConfig, MeshConfig
 from ..config.section import changed_tables, value_at
 from ..errors import InputError, named_error
 from ..mesh.as_built import Row, positions_as_built
-from ..mesh.mesh import Mesh
+from ..mesh.mesh import Mesh, inner_facets
 from ..model.joint import Joint
 from ..model.material import Material
 from ..model.model import Model, Receiver, SpongeLayer
@@ -63,7 +63,7 @@ from .places import (
     single_source,
     source_positions,
 )
-from .surface import make_surface
+from .surface import make_surface, welded_surfaces
 
 STEP_FACTOR = {False: 0.8, True: 0.95}  # over a bound of tetrahedra, over the limit of hexahedra
 
@@ -288,7 +288,11 @@ class Project:
         motion, face = self.input, None if self.input is None else config.input.face
         entries, waves = [], []
         if motion is not None:
-            outer = [name for name in mesh.surfaces if name not in {j.surface for j in self.joints}]
+            joints = {joint.surface for joint in self.joints}
+            outer = [
+                name for name in mesh.surfaces
+                if name not in joints and not inner_facets(mesh, name)[0].any()
+            ]  # fmt: skip
             if face not in outer:
                 what = f"must be one of {', '.join(outer)}, got {face!r}"
                 raise InputError(f"{self.path.name}: input.face: {what}")
@@ -296,6 +300,7 @@ class Project:
         sources, receivers, layer = self.sources, self.receivers, self.absorbing_layer
         with named_error(self.path.name):
             refuse_unknown_sides("boundaries.free", config.boundaries.free, mesh)
+            welded_surfaces(config.mesh, mesh)
             if config.holes_inside or config.moment_tensors:
                 refuse_open_sides(config.boundaries, mesh, joint_of_surface(config.mesh))
             model = Model(

@@ -9,6 +9,7 @@ from ..config.section import read_columns
 from ..errors import InputError, named_error
 from ..mesh.faces import face_vectors
 from ..mesh.grid import Fault
+from ..mesh.mesh import inner_facets
 from ..model.fractures import (
     FractureSet,
     SizeLaw,
@@ -148,6 +149,30 @@ def _lines(part, name, config, folder, log):
     )  # fmt: skip
 
 
+def welded_surfaces(config, mesh) -> list[str]:
+    """Return the tagged surfaces inside a mesh file that are no joints: welded, and no sides.
+
+    Raises
+    ------
+    InputError
+        If one lies within a single material and is listed neither as a joint nor as welded.
+    """
+    welded = []
+    for name in mesh.surfaces if config.file is not None else ():
+        inner, zones = inner_facets(mesh, name)
+        if name in config.file_joints or not inner.any():
+            continue
+        alike = mesh.zone_group[zones[:, 0]] == mesh.zone_group[zones[:, 1]]
+        if alike.any() and name not in config.file_welded:
+            group = mesh.groups[mesh.zone_group[zones[np.argmax(alike), 0]]]
+            raise InputError(
+                f"mesh.file: the surface {name!r} lies inside {group!r}; say what it is: a joint "
+                f"by file_joints = {{ {name} = ... }}, or no joint by file_welded = [{name!r}]"
+            )
+        welded.append(name)
+    return welded
+
+
 def refuse_uncovered(places, box):
     """Refuse a survey that leaves a part of a box without heights in plan.
 
@@ -206,6 +231,8 @@ def ground_notes(project):
         notes.append(
             f"Fractures {part.name}: {area:.4g} m2, P32 {area / volume:.3g} 1/m of the box{drawn}."
         )
+    for name in welded_surfaces(project.config.mesh, project.mesh):
+        notes.append(f"Surface {name} of the mesh file lies inside: welded, no joint and no side.")
     if project.config.mesh.benches and blast is not None:
         burden = burdens(benches_of(project.config.mesh, project.folder), blast.centres)
         burden = burden[np.isfinite(burden)]
