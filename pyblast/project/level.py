@@ -615,7 +615,15 @@ LIKELY = {
     "wave_speed_m_per_s": (50.0, 12000.0, "m/s", 1.0),
     "detonation_m_per_s": (1000.0, 10000.0, "m/s", 1.0),
     "explosive_kg_per_m3": (200.0, 2500.0, "kg/m3", 1.0),
+    "charge_exponent": (0.0, 2.0, "", 1.0),
+    "radius_m": (0.02, 20.0, "m", 1.0),
+    "peak_time_ms": (5e-3, 1e3, "ms", 1.0),
+    "duration_s": (5e-3, 60.0, "s", 1.0),
+    "horizontal_ratio": (0.0, 10.0, "", 1.0),
+    "stress": (0.0, 5e8, "MPa", 1e-6),
 }
+LOOSEST, STIFFEST, WET = 1.45, 15.0, (1300.0, 2100.0)  # cp/cs of ground; cp of wet soil, m/s
+SOFT, HEAVY = 150.0, 2300.0  # cs in m/s that no rock has which is denser, kg/m3
 SHORTEST_DELAY, SHORTEST_BLAST, LONGEST_DELAY = 0.5e-3, 10e-3, 5.0  # s
 
 
@@ -633,9 +641,13 @@ def unlikely_values(materials, joints, config=None, times=()) -> Finding | None:
     """
     listed = {f"materials.{name}": vars(rock) | {"cp": rock.cp} for name, rock in materials.items()}
     listed |= {f"joint {joint.surface}": joint.properties for joint in joints}
-    for name in ("blast", "holes_inside"):
-        table = getattr(config, name, None)
-        listed[name] = {} if table is None else vars(table)
+    parts = "blast", "holes_inside", "run", "insitu"
+    tables = {name: getattr(config, name, None) for name in parts}
+    tables["charged_hole"] = getattr(tables["holes_inside"], "charged_hole", None)
+    listed |= {name: vars(table) for name, table in tables.items() if table is not None}
+    if "insitu" in listed:
+        stress = 1e6 * max(map(abs, listed["insitu"]["stress_mpa"]), default=0.0)
+        listed["insitu"] = listed["insitu"] | {"stress": stress}
     given = {
         f"{part} {key}": (values[key], LIKELY[key])
         for part, values in listed.items()
@@ -653,6 +665,18 @@ def unlikely_values(materials, joints, config=None, times=()) -> Finding | None:
         for key, (value, (low, high, unit, factor)) in unlikely.items()
     ]
     numbers = {key: value for key, (value, _) in unlikely.items()}
+    for name, rock in materials.items():
+        ratio = rock.cp / rock.cs if rock.cs > 0.0 else math.inf
+        wet = WET[0] <= rock.cp <= WET[1]
+        if ratio < LOOSEST or (ratio > STIFFEST and not wet):
+            words.append(f"materials.{name} cp/cs is {ratio:.3g}, usual are 1.45 to 15")
+            numbers[f"materials.{name} cp/cs"] = ratio
+        if rock.cs < SOFT and rock.density > HEAVY:
+            words.append(
+                f"materials.{name} cs is {rock.cs:.3g} m/s at {rock.density:.4g} kg/m3, as if its "
+                "moduli were given in GPa"
+            )
+            numbers[f"materials.{name} cs"] = rock.cs
     gap = _unlikely_delay(times)
     if gap is not None:
         likely = "seconds" if gap < SHORTEST_DELAY else "microseconds"

@@ -160,7 +160,7 @@ def read_result(path) -> Result:
 
 def write_text(path, text):
     """Write a text file atomically."""
-    write_bytes(path, text.encode("utf-8"))
+    write_bytes(path, text.encode("utf-8", "replace"))  # a name may hold half a letter
 
 
 def write_bytes(path, content):
@@ -269,6 +269,7 @@ def summarise(project, checked, run, simulated, comparisons):
         },
         "provenance": {**versions(run.prepared.fingerprint), **run.provenance},
         "files_sha256": project.input_files,
+        "inputs": project.log.table(),
         "mesh_names": {
             "groups": list(project.model.mesh.groups),
             "joints": [joint.surface for joint in project.model.joints],
