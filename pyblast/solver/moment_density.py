@@ -1,20 +1,44 @@
 """Moment density: nodal forces of moment tensors over a sphere in place of a point."""
 
+from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
 
 from ..mesh import hexahedra, tetrahedra
 from ..mesh.faces import zone_of_face
-from ..mesh.mesh import Mesh, locate
+from ..mesh.mesh import Mesh, edge_lengths, locate
 from ..mesh.nodes import Nodes
 from ..mesh.spectral_nodes import SpectralNodes
 from ..model.model import Model
-from ..model.source import Hole, TimeFunction
+from ..model.source import Column, Hole, MomentTensor, PointForce, TimeFunction
 
 # Radius, where nothing is near, and least radius, beyond nearer faces the density is cut off: over
 # the shortest edge of hexahedra, over the mean edge of quadratic and linear tetrahedra.
 RADII = {"hexahedra": (0.6, 0.1), "quadratic": (0.8, 0.4), "linear": (1.2, 1.0)}
+# Largest error measured at distances over the edge, of spheres and of those that a near surface
+# clips below 0.4 edges; linear tetrahedra are right to some per cent at best.
+ERRORS = {
+    "hexahedra": (
+        (0.0, 0.15, 0.3, 0.45, 0.6, 0.75, 1.0, 1.25, 1.5),
+        (1.0, 0.93, 0.6, 0.2, 0.06, 0.05, 0.03, 0.015, 0.01),
+    ),
+    "hexahedra, point": (
+        (0.0, 0.3, 0.47, 0.63, 0.79, 0.95, 1.25, 1.5),
+        (0.7, 0.85, 0.5, 0.09, 0.09, 0.05, 0.03, 0.01),
+    ),
+    "quadratic": (
+        (0.0, 0.3, 0.6, 0.8, 1.1, 1.6, 2.5),
+        (1.0, 0.88, 0.38, 0.15, 0.06, 0.04, 0.01),
+    ),
+    "quadratic, point": ((0.0, 0.5, 1.0, 1.6, 2.5), (1.0, 0.8, 0.2, 0.06, 0.01)),
+    "linear": ((0.0, 0.9, 1.8, 2.7, 3.6, 5.0), (1.0, 0.4, 0.2, 0.1, 0.05, 0.01)),
+}
+ERRORS["linear, point"] = ERRORS["linear"]
+CLIPPED = 0.4  # radius over the edge, below which elements resolve it no better than a point
+FOR_ONE_PER_CENT = {"hexahedra": 0.83, "quadratic": 1.6, "linear": 5.0}  # distance over edge
+SMALL, TRUSTED = 0.01, 0.1  # errors that are not named, and that count as right
+FEWEST_POINTS, POINTS_IN_RADIUS = 4, 4  # of a column, where it does not say how many
 SHELLS, RINGS, MERIDIANS = 8, 8, 16  # of the quadrature over a sphere
 PASSED, STOPPED = 2.6, 5.2  # omega R/cp up to which, and from which on not, F is divided by
 RINGING = 8.0  # R/cp, after which the inverse of F has died away
@@ -46,10 +70,16 @@ def source_radius(
     """
     mesh = nodes.mesh
     edge = edge_at(mesh, zone)
-    kind = "hexahedra" if mesh.hexahedral else "quadratic" if nodes.quadratic else "linear"
-    usual, least = RADII[kind]
+    usual, least = RADII[kind_of(nodes)]
     radius = usual * edge if given is None else given
     return float(max(min(radius, clearance(mesh, position, radius)), least * edge))
+
+
+def kind_of(nodes: Nodes | SpectralNodes) -> str:
+    """Return the kind of elements by which radii and errors are listed."""
+    if nodes.mesh.hexahedral:
+        return "hexahedra"
+    return "quadratic" if nodes.quadratic else "linear"
 
 
 def source_radii(model: Model) -> list[float] | None:
@@ -63,6 +93,93 @@ def source_radii(model: Model) -> list[float] | None:
         for zone, hole in zip(zones, holes, strict=True)
     ]
     return [min(radii), max(radii)]
+
+
+@dataclass(frozen=True)
+class NearReceiver:
+    """Receiver so near to a source that elements do not resolve the motion there.
+
+    Parameters
+    ----------
+    receiver : str
+    source : int
+        Number of the source in the model.
+    distance : float, m
+    edge : float, m
+        Longest edge of hexahedra at the source, mean edge of tetrahedra.
+    error : float
+        To expect, relative to the motion: what was measured in the worst of 26 directions.
+    edge_needed : float, m
+        For an error of 1 %.
+    """
+
+    receiver: str
+    source: int
+    distance: float
+    edge: float
+    error: float
+    edge_needed: float
+
+    @property
+    def trusted(self) -> bool:
+        """Whether the error to expect is at most `TRUSTED`."""
+        return self.error <= TRUSTED
+
+    @property
+    def work(self) -> float:
+        """Factor on the work of a run with edges of ``edge_needed`` throughout."""
+        return (self.edge / self.edge_needed) ** 4
+
+
+def near_receivers(model: Model) -> tuple[NearReceiver, ...]:
+    """Return the receivers where the distance to a source makes an error above 1 %.
+
+    Notes
+    -----
+    Inside of the sphere of a source the motion is too small, beside it the elements do not carry
+    its near field: docs/decisions.md, "Moments over a sphere". By the nearest source each.
+    """
+    points, numbers = _source_points(model)
+    if not len(points) or not model.receivers:
+        return ()
+    mesh, rows = model.mesh, []
+    zones, _ = locate(mesh, points)
+    edges = edge_lengths(mesh)[zones]
+    edges = edges.max(axis=1) if mesh.hexahedral else edges.mean(axis=1)
+    kind = kind_of(model.nodes)
+    for receiver in model.receivers:
+        away = np.linalg.norm(points - np.asarray(receiver.position, dtype=float), axis=1)
+        at = int(np.argmin(away / edges))
+        source = model.sources[numbers[at]]
+        radius = 0.0
+        if not isinstance(source, PointForce):
+            given = getattr(source, "spread", None)
+            radius = source_radius(model.nodes, zones[at], points[at], given)
+        wide = radius >= CLIPPED * edges[at]
+        error = float(np.interp(away[at] / edges[at], *ERRORS[kind if wide else f"{kind}, point"]))
+        if error > SMALL:
+            needed = float(away[at] / FOR_ONE_PER_CENT[kind])
+            rows.append(
+                NearReceiver(
+                    receiver.name, numbers[at], float(away[at]), float(edges[at]), error, needed
+                )
+            )
+    return tuple(rows)
+
+
+def _source_points(model):
+    """Return the positions (n, 3) of the points of sources, and the number of their source."""
+    points, numbers = [], []
+    for number, source in enumerate(model.sources):
+        if isinstance(source, Column):
+            own = source.points(FEWEST_POINTS)[0]
+        elif isinstance(source, (Hole, MomentTensor, PointForce)):
+            own = np.reshape(np.asarray(source.position, dtype=float), (1, 3))
+        else:
+            continue
+        points.append(own)
+        numbers += [number] * len(own)
+    return np.concatenate([np.empty((0, 3)), *points]), numbers
 
 
 def edge_at(mesh: Mesh, zone: int) -> float:
@@ -170,6 +287,35 @@ def moment_forces(
     theory.md (5.15), (5.16). Where the sphere is cut off by the end of its ground, the weights are
     corrected to a sum of one and a first moment at the position.
     """
+    used, gradients = _averaged(nodes, zone, position, radius, flat, nodes.slopes)
+    return nodes.zone_nodes[used].ravel(), (gradients @ tensor).reshape(-1, 3)
+
+
+def force_shares(
+    nodes: Nodes | SpectralNodes, zone: int, position: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the shares of a force on nodes: shape functions, in hexahedra averaged over a sphere.
+
+    Returns
+    -------
+    nodes : (n,) int
+    shares : (n,) float64
+        Their sum is one. At the position alone where the sphere would be `CLIPPED`.
+
+    Notes
+    -----
+    theory.md (5.3). The density is that of second moment zero: the force radiates P and S.
+    """
+    radius = source_radius(nodes, zone, position)
+    if not nodes.mesh.hexahedral or radius < CLIPPED * edge_at(nodes.mesh, zone):
+        own, local = locate(nodes.mesh, position)
+        return nodes.zone_nodes[own[0]], nodes.shapes(local)[0]
+    used, shares = _averaged(nodes, zone, position, radius, True, lambda _, at: nodes.shapes(at))
+    return nodes.zone_nodes[used].ravel(), shares.ravel()
+
+
+def _averaged(nodes, zone, position, radius, flat, values):
+    """Return zones (n,) and the average of values of zones and local coordinates over a sphere."""
     mesh, position = nodes.mesh, np.asarray(position, dtype=float)
     offsets, weight = sphere_rule(flat)
     own = _own_ground(mesh, zone, position, radius)
@@ -181,11 +327,11 @@ def moment_forces(
         inside = np.zeros(1, dtype=bool)
     if not inside.all():
         weight = _corrected(weight, smooth, offsets)
-    gradients = weight[:, None, None] * nodes.slopes(zones, local)
+    each = values(zones, local)
+    each = each * weight.reshape(-1, *(1,) * (each.ndim - 1))
     order = np.argsort(zones, kind="stable")
     used, first = np.unique(zones[order], return_index=True)
-    summed = np.add.reduceat(gradients[order], first)
-    return nodes.zone_nodes[used].ravel(), (summed @ tensor).reshape(-1, 3)
+    return used, np.add.reduceat(each[order], first)
 
 
 def _corrected(weight, smooth, offsets):
