@@ -2,8 +2,8 @@
 
 import struct
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -18,24 +18,12 @@ _IBM = 1
 _TEXT, _HEAD, _TRACE = 3200, 400, 240
 _MEASURES = {1: "m", 2: "ft"}
 _ORDER_MARK = 0x01020304
-_LARGEST = 5e8  # samples
 
 
-@dataclass(frozen=True)
-class Layout:
-    """Layout of a SEG-Y file: where the traces begin and end, and what their samples are.
+class Layout(NamedTuple):
+    """Layout of a SEG-Y file: order ">" or "<", code of samples, starts and counts of traces.
 
-    Parameters
-    ----------
-    order : str
-        ">" or "<".
-    code : int
-        Of the sample format.
-    starts : (n_traces,) int
-        Byte of each trace header.
-    n_samples : (n_traces,) int
-    fixed : bool
-        Whether the file says that all traces are alike, so that trace headers need not agree.
+    ``fixed``: the file says that all traces are alike, so that trace headers need not agree.
     """
 
     order: str
@@ -157,8 +145,6 @@ def read_segy(path: Path, content: bytes, entry: FileRead) -> dict:
     if len(set(plan.n_samples)) > 1:
         raise ReadError(f"{path}: channels differ in number of samples or sampling rate")
     n_samples = int(plan.n_samples[0])
-    if len(heads) * n_samples > _LARGEST:
-        raise ReadError(f"{path}: holds {len(heads) * n_samples:.3g} samples, cut it")
     others = {head["n_samples"] for head in heads} - {0, n_samples}
     if others:
         entry.remark(f"trace headers say {min(others)} samples, file and length {n_samples}")
@@ -178,15 +164,8 @@ def read_segy(path: Path, content: bytes, entry: FileRead) -> dict:
         "data": data, "dt": _interval(path, content, plan, heads, entry), "time": time,
         "start": FACTORS["ms"] * delays.pop(), "receiver_positions": receivers,
         "source_position": source, "unit": "counts",
-        "header": {"textual": "SEGY", "text": _text(content)},
+        "header": {"textual": "SEGY"},
     }  # fmt: skip
-
-
-def _text(content):
-    """Return the text header, in ASCII or EBCDIC."""
-    raw = content[:_TEXT]
-    text = raw.decode("cp037" if raw[:1] in (b"\xc3", b"\x40", b"\x83") else "latin-1")
-    return "\n".join(text[k : k + 80].rstrip(" \0") for k in range(0, _TEXT, 80)).strip()
 
 
 def _trace_header(content, order, at):
