@@ -66,9 +66,9 @@ def explosion_beside(n):
     quick=True,
     note="L2 norm of the difference over that of the slip. Two wavelengths along need 22.5 edges "
     "(the mesh slows what runs along the plane), one needs 15, half 10. Coulomb without friction "
-    "or cohesion; the sphere of the source, of an edge, is cut off at both sides, half an edge away, "
-    "which adds 0.6 %. Under 100 MPa: no shear is carried and ks is idle; kn of 20 shear moduli over the "
-    "edge hands normal motion on, 2 to 80 change the error by a twelfth",
+    "or cohesion under 100 MPa: no shear is carried and ks is idle; kn of 20 shear moduli over the "
+    "edge hands normal motion on, 2 to 80 change the error by a twelfth. The sphere of the source, "
+    "of one edge, is cut off at both sides, half an edge away",
 )
 def slipping_plane(n):
     """Compare the slip of the plane along it."""
