@@ -13,6 +13,7 @@ from ..mesh.mesh import edge_lengths, surface_zones
 from ..model.boundary import Roller, Viscous
 from ..signals.spectra import highest_frequency
 from ..solver.initial_stress import joint_pressures
+from ..solver.moment_density import near_receivers
 from ..units import plain_number
 from . import checks_ground
 from .checks_ground import ModelSummary, boundary_defects, summarise_model
@@ -30,6 +31,7 @@ from .places import (
     face_distance,
     face_materials,
     source_material,
+    source_names,
 )
 from .surface import ground_notes
 from .validity import band_finding, band_of
@@ -134,7 +136,7 @@ def ground_as_built(rows):
 
 
 def _mesh_defects(project, summary):
-    """D1, D2, D5, D12, D26, D30: zones, size, boundaries, layers, units, memory."""
+    """D1, D2, D5, D12, D26, D30, D38: zones, size, boundaries, layers, units, memory, sources."""
     yield checks_ground.beyond_memory(summary.memory, quality.available())
     times = () if project.blast is None else project.blast.times
     yield unlikely_values(project.materials, project.joints, project.config, times)
@@ -144,6 +146,8 @@ def _mesh_defects(project, summary):
             group.name, project.model.materials[group.name], group.mean_edge, group.volume, band,
             project.model.edges_per_wavelength,
         )  # fmt: skip
+    names = source_names(project.model.sources, project.blast)
+    yield checks_ground.near_source(near_receivers(project.model), names)
     points = project.mesh.points
     rocks = _stiff(project, summary)
     yield checks_ground.short_model(float(np.ptp(points[:, 0])), rocks, centre)

@@ -16,7 +16,7 @@ from ..blasts.published_laws import (
     PublishedLaw,
     plausible_ppv,
 )
-from ..blasts.signature import moment_velocity, superpose
+from ..blasts.signature import ground_peak, moment_velocity, superpose
 from ..errors import Finding
 from ..mesh.faces import face_vectors
 from ..mesh.mesh import surface_zones
@@ -24,8 +24,8 @@ from ..model.boundary import StressInput
 from ..signals.seismogram import Seismogram
 from ..signals.spectra import highest_frequency
 from ..units import plain_number
-from .inputs import FREE_SURFACE, level_peak, radiated, shape
-from .places import face_areas, full_tensor, level_distance, normal_axis
+from .inputs import level_peak, radiated, shape
+from .places import charge_depth, face_areas, full_tensor, level_distance, normal_axis
 from .project import Project
 
 CODE = "D36"
@@ -255,14 +255,17 @@ def radiated_peak(project: Project, distance: float) -> float:
 
     Notes
     -----
-    Isotropic source of moment M in unbounded rock, doubled at the free surface, all holes at one
-    distance: ``v = 2 (M'/r^2 + M''/(r cp)) / (4 pi density cp^2)``, theory.md (13.9).
+    Isotropic source of moment M, all holes at one distance: the motion of unbounded rock,
+    ``v = (M'/r^2 + M''/(r cp)) / (4 pi density cp^2)``, theory.md (13.9), times what the peak of
+    one hole on the ground is over that, `ground_peak`.
     """
     inside, rock = project.inside, rock_of_holes(project)
     rate = inside.unfiltered or inside.moment_rate
     alone = moment_velocity(rate.values, rate.dt, distance, rock.density, rock.cp)
     history = superpose(shape(rate, alone), inside.firing).velocity[:, 0]
-    return FREE_SURFACE * float(np.abs(history).max())
+    depth = charge_depth(project.config, project.blast)
+    over = ground_peak(rate, distance, depth, rock) / float(np.abs(alone).max())
+    return over * float(np.abs(history).max())
 
 
 def rock_of_holes(project: Project):
@@ -612,7 +615,15 @@ LIKELY = {
     "wave_speed_m_per_s": (50.0, 12000.0, "m/s", 1.0),
     "detonation_m_per_s": (1000.0, 10000.0, "m/s", 1.0),
     "explosive_kg_per_m3": (200.0, 2500.0, "kg/m3", 1.0),
+    "charge_exponent": (0.0, 2.0, "", 1.0),
+    "radius_m": (0.02, 20.0, "m", 1.0),
+    "peak_time_ms": (5e-3, 1e3, "ms", 1.0),
+    "duration_s": (5e-3, 60.0, "s", 1.0),
+    "horizontal_ratio": (0.0, 10.0, "", 1.0),
+    "stress": (0.0, 5e8, "MPa", 1e-6),
 }
+LOOSEST, STIFFEST, WET = 1.45, 15.0, (1300.0, 2100.0)  # cp/cs of ground; cp of wet soil, m/s
+SOFT, HEAVY = 150.0, 2300.0  # cs in m/s that no rock has which is denser, kg/m3
 SHORTEST_DELAY, SHORTEST_BLAST, LONGEST_DELAY = 0.5e-3, 10e-3, 5.0  # s
 
 
@@ -630,9 +641,13 @@ def unlikely_values(materials, joints, config=None, times=()) -> Finding | None:
     """
     listed = {f"materials.{name}": vars(rock) | {"cp": rock.cp} for name, rock in materials.items()}
     listed |= {f"joint {joint.surface}": joint.properties for joint in joints}
-    for name in ("blast", "holes_inside"):
-        table = getattr(config, name, None)
-        listed[name] = {} if table is None else vars(table)
+    parts = "blast", "holes_inside", "run", "insitu"
+    tables = {name: getattr(config, name, None) for name in parts}
+    tables["charged_hole"] = getattr(tables["holes_inside"], "charged_hole", None)
+    listed |= {name: vars(table) for name, table in tables.items() if table is not None}
+    if "insitu" in listed:
+        stress = 1e6 * max(map(abs, listed["insitu"]["stress_mpa"]), default=0.0)
+        listed["insitu"] = listed["insitu"] | {"stress": stress}
     given = {
         f"{part} {key}": (values[key], LIKELY[key])
         for part, values in listed.items()
@@ -650,6 +665,18 @@ def unlikely_values(materials, joints, config=None, times=()) -> Finding | None:
         for key, (value, (low, high, unit, factor)) in unlikely.items()
     ]
     numbers = {key: value for key, (value, _) in unlikely.items()}
+    for name, rock in materials.items():
+        ratio = rock.cp / rock.cs if rock.cs > 0.0 else math.inf
+        wet = WET[0] <= rock.cp <= WET[1]
+        if ratio < LOOSEST or (ratio > STIFFEST and not wet):
+            words.append(f"materials.{name} cp/cs is {ratio:.3g}, usual are 1.45 to 15")
+            numbers[f"materials.{name} cp/cs"] = ratio
+        if rock.cs < SOFT and rock.density > HEAVY:
+            words.append(
+                f"materials.{name} cs is {rock.cs:.3g} m/s at {rock.density:.4g} kg/m3, as if its "
+                "moduli were given in GPa"
+            )
+            numbers[f"materials.{name} cs"] = rock.cs
     gap = _unlikely_delay(times)
     if gap is not None:
         likely = "seconds" if gap < SHORTEST_DELAY else "microseconds"

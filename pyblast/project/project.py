@@ -19,6 +19,7 @@ from ..mesh.mesh import Mesh, inner_facets
 from ..model.joint import Joint
 from ..model.material import Material
 from ..model.model import Model, Receiver, SpongeLayer
+from ..readers.provenance import ReadLog
 from ..recordings.recording import Recording
 from ..signals.seismogram import Seismogram
 from ..solver.initial_stress import joint_pressures
@@ -97,6 +98,8 @@ class Project:
         Factors on the wave speeds beside those of the table [ground].
     given : dict of str to object
         Parts, such as ``mesh`` or ``records``, that replace those of the file.
+    log : ReadLog
+        What was read from files so far.
     """
 
     path: Path
@@ -107,6 +110,7 @@ class Project:
     further: tuple["Project", ...] = ()
     fields: tuple = ()
     given: dict[str, Any] = field(default_factory=dict)
+    log: ReadLog = field(default_factory=ReadLog, repr=False)
 
     @classmethod
     def from_dict(cls, tables: dict[str, Any], folder: str | Path = ".") -> "Project":
@@ -148,7 +152,7 @@ class Project:
         if self.config.blast is None:
             return None
         with named_error(f"{self.path.name}: blast"):
-            return make_blast(self.config.blast, self.folder)
+            return make_blast(self.config.blast, self.folder, self.log)
 
     @_part
     def firing(self) -> Firing:
@@ -162,7 +166,7 @@ class Project:
         if self.config.signature is None:
             return None
         with named_error(f"{self.path.name}: signature"):
-            return make_signature(self.config.signature, self.materials, self.folder)
+            return make_signature(self.config.signature, self.materials, self.folder, self.log)
 
     @_part
     def input(self) -> InputMotion | None:
@@ -207,7 +211,7 @@ class Project:
     @_part
     def surface(self) -> np.ndarray | None:
         """Surveyed top surface, (n, 3) m, or its triangles (n, 3, 3)."""
-        return make_surface(self.config.mesh, self.folder)
+        return make_surface(self.config.mesh, self.folder, self.log)
 
     @_part
     def reach(self) -> float:
@@ -272,7 +276,7 @@ class Project:
             if part.recorded is not None:
                 with named_error(f"{self.path.name}: receivers.{part.name}.recorded"):
                     records[part.name] = like_simulated(
-                        part, read_record(part.recorded, self.folder)
+                        part, read_record(part.recorded, self.folder, self.log)
                     )
         return records
 

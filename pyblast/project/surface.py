@@ -5,8 +5,7 @@ from dataclasses import replace
 import numpy as np
 import scipy
 
-from ..config.section import read_columns
-from ..errors import InputError, named_error
+from ..errors import InputError, ReadError, named_error
 from ..mesh.faces import face_vectors
 from ..mesh.grid import Fault
 from ..mesh.mesh import inner_facets
@@ -19,6 +18,7 @@ from ..model.fractures import (
     terminated,
 )
 from ..model.terrain import Bench, bench_triangles, burdens, toe_of, walked
+from ..readers.cells import wanted_by
 from ..readers.geometry import (
     SurveyedSurface,
     read_content,
@@ -26,6 +26,7 @@ from ..readers.geometry import (
     read_surface,
     surface_format,
 )
+from ..readers.tables import read_table
 
 HALF_CELL = 0.51  # of the diagonal of a cell, with which a survey reaches beyond its places
 
@@ -63,8 +64,7 @@ def survey_of(config, folder, log=None) -> SurveyedSurface:
     path = folder / config.surface_file
     with named_error("mesh.surface_file"):
         if surface_format(path, read_content(path)) is None:
-            values = read_columns(path, ("x_m,y_m,z_m",))
-            return SurveyedSurface(values, np.empty((0, 2)))
+            return SurveyedSurface(_points(path, log), np.empty((0, 2)))
         return read_surface(
             path, box=box_of(config), unit=config.surface_unit, layers=config.surface_layers,
             log=log,
@@ -142,11 +142,23 @@ def _lines(part, name, config, folder, log):
     if file is None:
         return [np.array(getattr(part, f"{name}_m"))]
     if not _is_drawing(file):
-        return [read_columns(folder / file, ("x_m,y_m,z_m",))]
+        return [_points(folder / file, log)]
     layer = getattr(part, f"{name}_layer")
     return read_lines(
         folder / file, layer, box=box_of(config), unit=part.file_unit, log=log
     )  # fmt: skip
+
+
+def _points(path, log):
+    """Return the positions (n, 3) in m of a table, with titles or of three columns of numbers."""
+    table = read_table(
+        path, wanted_by("surface"), None, log, untitled=("x", "y", "z"), kind="table of positions"
+    )
+    points = np.column_stack([table.values[name] for name in "xyz"])
+    if np.isnan(points).any():
+        line = table.lines[int(np.isnan(points).any(axis=1).argmax())]
+        raise ReadError(f"{path}, line {line}: must be three numbers, one is missing")
+    return points
 
 
 def welded_surfaces(config, mesh) -> list[str]:

@@ -12,10 +12,11 @@ import numpy as np
 from scipy.integrate import cumulative_simpson
 
 from ..errors import InputError, ReadError
+from ..readers.cells import read_bytes
 from ..readers.provenance import FileRead
 from ..units import FACTORS
 from .pieces import common_windows, leave_out, stretches_of
-from .raw import RawRecord, read_bytes
+from .raw import RawRecord
 from .segy import is_segy, layout
 
 if TYPE_CHECKING:

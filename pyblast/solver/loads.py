@@ -14,9 +14,15 @@ from ..model.model import Model
 from ..model.plane_wave import PlaneWave, add_plane_wave
 from ..model.source import AirBlast, Column, Hole, MomentTensor, PointForce, Pressure, TimeFunction
 from ..signals.seismogram import GEOGRAPHIC
-from .moment_density import deconvolved, moment_forces, source_radius
+from .moment_density import (
+    FEWEST_POINTS,
+    POINTS_IN_RADIUS,
+    deconvolved,
+    force_shares,
+    moment_forces,
+    source_radius,
+)
 
-FEWEST_POINTS, POINTS_IN_RADIUS = 4, 4  # of a column, where it does not say how many
 ROUNDED = 1e-12  # part of a moment tensor that is rounding
 PRESSURE_CUTS = 3  # subdivisions of each edge of a face for a travelling pressure
 # Arrival of a travelling pressure at a node: Gauss-Hermite weights and standard deviations.
@@ -153,11 +159,12 @@ def add_velocity_input(loads: Loads, boundary: VelocityInput, dt: float) -> list
 
 
 def _add_force(loads, model, source):
-    """Add a point force, distributed to the nodes of its zone; theory.md (5.3)."""
-    nodes = model.nodes
-    zone, weight = locate(model.mesh, source.position)
-    vectors = nodes.shapes(weight)[0][:, None] * np.asarray(source.direction, dtype=float)
-    loads.add(nodes.zone_nodes[zone[0]], vectors, loads.add_history(source.history))
+    """Add a point force, distributed to nodes; theory.md (5.3)."""
+    position = np.asarray(source.position, dtype=float)
+    zone = int(locate(model.mesh, position)[0][0])
+    nodes, shares = force_shares(model.nodes, zone, position)
+    vectors = shares[:, None] * np.asarray(source.direction, dtype=float)
+    loads.add(nodes, vectors, loads.add_history(source.history))
 
 
 def _add_hole(loads, model, hole):

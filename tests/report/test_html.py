@@ -8,6 +8,7 @@ from small_project import CARRIED, written
 
 from pyblast import Seismogram
 from pyblast.project.result import read_result, write_csv
+from pyblast.report import figures
 from pyblast.report.figures import (
     limits_figure,
     peaks_of,
@@ -228,3 +229,29 @@ def test_the_a4_page_holds_what_an_inspector_asks_for(tmp_path):
     assert text.count('class="waveform"') == 1
     assert text == render_one_page(outcome.result)
     assert (outcome.folder / "report.html").stat().st_size < 6e6
+
+
+@pytest.mark.parametrize(
+    "name", ["House $3^$", "a_b^c $x$ $", "\\frac{$", "Prüf$ung$^{", "日本語 $"]
+)
+def test_signs_of_formulas_in_names_are_drawn_as_they_are(name):
+    figure = figures._figure(4, 3)
+    axes = figure.subplots()
+    axes.plot([1, 10], [1, 10], label=name)
+    axes.set_title(name)
+    axes.set_yticks([1, 2], [name, name])
+    axes.legend()
+
+    assert figures._uri(figure).startswith("data:image/png;base64,")
+
+
+def test_a_figure_that_can_not_be_drawn_costs_that_figure():
+    figure = figures._figure(4, 3)
+    figure.savefig = lambda *_, **__: 1 / 0
+
+    image = figures._uri(figure)
+
+    assert image.startswith("data:image/svg+xml;base64,")
+    assert b"can't be drawn (division by zero)" in base64.b64decode(image.split(",")[1]).replace(
+        b"&#x27;", b"'"
+    )
