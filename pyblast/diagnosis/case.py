@@ -82,7 +82,7 @@ def case_of(project: Project, blasts=None) -> Case:
     if not receivers:
         raise InputError(
             "case: every receiver stands near a source of some blast, where the mesh makes errors "
-            "above 10 % (D38); name blasts that leave one"
+            "above 20 % (D38); name blasts that leave one"
         )
     window = _noise_window(project, names, records)
     recordings = [table[name] for table in records for name in receivers if name in table]

@@ -524,7 +524,7 @@ def near_source(rows, names):
     rest = f"; {more} more" if more > 0 else ""
     untrusted = sum(not row.trusted for row in rows)
     count = (
-        f" Above 10 % at {untrusted} of {len(rows)}: these count in no fit." if untrusted else ""
+        f" Above 20 % at {untrusted} of {len(rows)}: these count in no fit." if untrusted else ""
     )
     return Finding(
         "D38",

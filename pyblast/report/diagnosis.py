@@ -429,7 +429,7 @@ def assumptions(diagnosis: Diagnosis, summary: dict) -> list[str]:
         sentences.append(f"Receivers without records are not used: {names}.")
     if case.near:
         sentences.append(
-            f"Receivers so near a source that the mesh makes errors above 10 % (D38) are not used: "
+            f"Receivers so near a source that the mesh makes errors above 20 % (D38) are not used: "
             f"{listed(case.near)}."
         )
     if not summary["finished"]:
