@@ -538,7 +538,7 @@ def title_splits(text: str) -> Iterator[tuple[str, str]]:
     """Yield the ways to split a title into stem and unit."""
     for match in reversed([*re.finditer(r"[\[(]\s*([^\[(\])]*?(?:\([^)]*\))?)\s*[\])]", text)]):
         yield f"{text[: match.start()]} {text[match.end() :]}".strip(" _,:/"), match[1]
-    for unit in ("Nm_per_s", *sorted(FACTORS, key=len, reverse=True)):
+    for unit in ("Nm_per_s", "deg", *sorted(FACTORS, key=len, reverse=True)):
         if text.endswith(f"_{unit}") or text.lower().endswith(f"_{unit}"):
             yield text[: -len(unit) - 1], unit
     head, _, tail = text.rpartition(" ")
