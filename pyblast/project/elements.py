@@ -89,7 +89,7 @@ def make_ground(project) -> Ground:
     config, materials = project.config, project.materials
     kind = config.mesh.kind
     if config.mesh.file is not None:
-        mesh = make_mesh(config.mesh, materials, project.folder)
+        mesh = make_mesh(config.mesh, materials, project.folder, log=project.log)
         return Ground(mesh, "tetrahedra: the mesh is read from a file", as_built(mesh, None))
     asked, wave = make_geometry(config, project.surface), shortest_wave(config, materials)
     obstacle = None if kind == "tetrahedra" else _obstacle(config, materials)
