@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from pyblast.back_analysis.findings import near_sources
 from pyblast.errors import InputError
 from pyblast.project.checks import check
 from pyblast.project.places import resolved_receivers
@@ -88,6 +89,13 @@ def test_receivers_near_a_source_are_named_with_error_and_edge(project):
     assert "'corner 100'" not in finding.text
     assert "Above 20 % at 2 of 4: these count in no fit." in finding.text
     assert finding.numbers["error"] == pytest.approx(0.752, abs=0.01)
+
+
+def test_a_back_analysis_names_the_receivers_that_do_not_count(project):
+    (finding,) = near_sources([project])
+
+    assert finding.code == "D38"
+    assert "'up 25'" in finding.text
 
 
 def test_receivers_near_a_source_count_in_no_fit(project):
