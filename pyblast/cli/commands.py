@@ -203,6 +203,10 @@ def compare(
         typer.Option(help="From the instrument to the blast, degrees clockwise from north."),
     ] = None,
     sheet: Annotated[str | None, typer.Option(help="Sheet of the record, of a workbook.")] = None,
+    unit: Annotated[
+        str | None,
+        typer.Option(help="Of miniSEED, SAC or GSE2: mm_per_s, m_per_s2 of accelerometers, ..."),
+    ] = None,
 ):
     """Compare a record with a simulation.
 
@@ -215,7 +219,7 @@ def compare(
         from ..workflows.run import compare_files
 
         band = None if low is None or high is None else (low, high)
-        files = recorded, simulated, receiver, band, bearing, sheet
+        files = recorded, simulated, receiver, band, bearing, sheet, unit
         console.show_compared(*compare_files(*files))
 
 

@@ -290,16 +290,19 @@ def _joined(single: list[FieldRecord], log: ReadLog) -> list[FieldRecord]:
                 break
         else:
             groups.append([record])
-    return [_merged(group, log) for group in groups]
+    return [record for group in groups for record in _merged(group, log)]
 
 
-def _merged(group: list[FieldRecord], log: ReadLog) -> FieldRecord:
-    """Return one record of one-channel files, over their common time by their starts."""
+def _merged(group: list[FieldRecord], log: ReadLog) -> list[FieldRecord]:
+    """Return one record of one-channel files, over their common time by their starts.
+
+    Files that have no such time, or would cut the peak of another one, stay records of their own.
+    """
     from obspy import UTCDateTime
 
     first = group[0]
     if len(group) == 1:
-        return first
+        return group
     dt, times = first.gather.dt, [UTCDateTime(record.gather.time) for record in group]
     channels = [
         [Stretch(record.file, begin - min(times), record.gather.data[0])]
@@ -311,8 +314,8 @@ def _merged(group: list[FieldRecord], log: ReadLog) -> FieldRecord:
             (window,) = common_windows(
                 Path(first.file), channels, dt, log.file(first.file, first.format)
             )
-        except ReadError as error:
-            raise ReadError(f"{first.file} and {len(group) - 1} others: {error}") from None
+        except ReadError:  # no time in common
+            return group
     used = {part.name for part in window.stretches}
     members = [record for record in group if record.file in used]
     skips = [window.skip(n, dt) for n in range(len(members))]
@@ -332,7 +335,8 @@ def _merged(group: list[FieldRecord], log: ReadLog) -> FieldRecord:
     names = tuple(record.channels[0] for record in members)
     said = [str(warning.message) for warning in caught]
     notes = tuple(dict.fromkeys([*said, *(note for record in members for note in record.notes)]))
-    return FieldRecord(first.file, first.format, gather, names, blank, blank, notes=notes)
+    merged = FieldRecord(first.file, first.format, gather, names, blank, blank, notes=notes)
+    return [merged, *(record for record in group if record.file not in used)]
 
 
 def read_geometry(path: str | Path, log: ReadLog | None = None) -> list[dict[str, Any]]:

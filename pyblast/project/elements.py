@@ -89,7 +89,7 @@ def make_ground(project) -> Ground:
     config, materials = project.config, project.materials
     kind = config.mesh.kind
     if config.mesh.file is not None:
-        mesh = make_mesh(config.mesh, materials, project.folder)
+        mesh = make_mesh(config.mesh, materials, project.folder, log=project.log)
         return Ground(mesh, "tetrahedra: the mesh is read from a file", as_built(mesh, None))
     asked, wave = make_geometry(config, project.surface), shortest_wave(config, materials)
     obstacle = None if kind == "tetrahedra" else _obstacle(config, materials)
@@ -111,7 +111,7 @@ def _tetrahedra(project, asked, wave, reason):
     """Return a ground of tetrahedra, cut more sharply where the first cut bends planes."""
     config, materials, folder = project.config, project.materials, project.folder
     parts = _with_edges(config, materials)
-    asked = replace(asked, faults=(*asked.faults, *make_fractures(parts, folder)))
+    asked = replace(asked, faults=(*asked.faults, *make_fractures(parts, folder, project.log)))
     sharp = SHARP * wave / TETRAHEDRA[parts.quadratic]
     given = parts.tolerance_m is not None or parts.grid_cells is not None
     wrong = ""

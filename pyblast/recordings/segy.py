@@ -2,6 +2,7 @@
 
 import struct
 from collections.abc import Sequence
+from datetime import datetime, timedelta
 from pathlib import Path
 from typing import NamedTuple
 
@@ -158,8 +159,11 @@ def read_segy(path: Path, content: bytes, entry: FileRead) -> dict:
     if len(delays) > 1:
         raise ReadError(f"{path}: channels start at different times: {sorted(delays)} ms")
     receivers, source = _positions(content, plan, heads, entry)
-    years = heads[0]["time"]
-    time = "{}-{:03d}T{:02d}:{:02d}:{:02d}".format(*years) if years[0] else ""
+    year, day, *clock = heads[0]["time"]
+    sensible = 0 < year < 2500 and 0 < day <= 366 and all(0 <= part < 60 for part in clock)
+    year += 0 if year >= 100 else 1900 if year > 30 else 2000
+    span = timedelta(days=day - 1, hours=clock[0], minutes=clock[1], seconds=clock[2])
+    time = f"{(datetime(year, 1, 1) + span).isoformat()}Z" if sensible else ""
     return {
         "data": data, "dt": _interval(path, content, plan, heads, entry), "time": time,
         "start": FACTORS["ms"] * delays.pop(), "receiver_positions": receivers,

@@ -387,7 +387,7 @@ def _station(where, group, microphones, entry, axes, *, zero, unit):
             0.0 if zero is None else begin - zero, first.station, first._format,
             time=str(begin), header={"channels": ids}, notes=taken,
             unit="counts" if unit == "counts" else "m_per_s",
-            microphone=_microphone(where, microphones, begin, window.length, dt, entry),
+            microphone=_microphone(where, microphones, begin, window.length, dt, entry, unit),
         ))  # fmt: skip
     return records
 
@@ -406,7 +406,7 @@ def _sac_velocity(where, group):
 _LEAST_NANOMETRES = 100.0  # a peak below is no velocity of a blast in nm/s
 
 
-def _microphone(where, traces, begin, length, dt, entry):
+def _microphone(where, traces, begin, length, dt, entry, unit):
     """Return the air overpressure (length,) in Pa of the pressure channel of a station, or None."""
     if not traces:
         return None
@@ -414,7 +414,7 @@ def _microphone(where, traces, begin, length, dt, entry):
     skip = round((begin - trace.stats.starttime) / dt)
     reason = (
         "there is another one" if len(traces) > 1
-        else "its samples are counts" if trace.data.dtype.kind == "i"
+        else "its samples are counts" if unit == "counts" or trace.data.dtype.kind == "i"
         else "it has another sampling rate" if abs(trace.stats.delta - dt) > 1e-9 * dt
         else "it does not cover the record" if skip < 0 or skip + length > trace.stats.npts
         else ""

@@ -25,7 +25,6 @@ from ..quality import explicit_work, refuse_beyond_memory
 LAYER_CELLS = 2  # of the absorbing layer
 LEAST_GAP = 0.15  # of an edge, at the narrow end between two planes, or a plane and a side
 NARROWING = 0.5  # narrow end over wide end from which the gap does not matter
-WIDE = 1.15  # largest cell at the wide end, over the wanted edge
 BELOW_SURFACE = 0.25  # of an edge, from the reference to the lowest ground
 STEEP = 0.3  # least component of the normal of a plane along the first axis
 SAME = 0.008  # of an edge: ends nearer than this to another plane lie on it
@@ -528,7 +527,7 @@ class _Grid:
             u, v = (next(f for f in self.family if f.x == x) for x in (first, second))
             widest = (v.at(self.corners) - u.at(self.corners)).max()
             if widest > (second - first) * (1.0 + ROUND):
-                return self.edge * WIDE * (second - first) / widest
+                return self.edge * (second - first) / widest
         return self.edge
 
     def _limits_of(self, part, axis):
