@@ -111,7 +111,7 @@ def _tetrahedra(project, asked, wave, reason):
     """Return a ground of tetrahedra, cut more sharply where the first cut bends planes."""
     config, materials, folder = project.config, project.materials, project.folder
     parts = _with_edges(config, materials)
-    asked = replace(asked, faults=(*asked.faults, *make_fractures(parts, folder)))
+    asked = replace(asked, faults=(*asked.faults, *make_fractures(parts, folder, project.log)))
     sharp = SHARP * wave / TETRAHEDRA[parts.quadratic]
     given = parts.tolerance_m is not None or parts.grid_cells is not None
     wrong = ""

@@ -94,7 +94,7 @@ def benches_of(config, folder, log=None) -> list[Bench]:
     return benches
 
 
-def make_fractures(config, folder) -> list[Fault]:
+def make_fractures(config, folder, log=None) -> list[Fault]:
     """Return the fractures of a `MeshConfig`, read or drawn."""
     faults = {part.name: part for part in config.faults}
     fractures = []
@@ -110,11 +110,11 @@ def make_fractures(config, folder) -> list[Fault]:
                     )
                 dip, azimuth = np.radians([fault.dip_deg, fault.dip_direction_deg])
                 ends.append(Fault(name, dip, azimuth, tuple(fault.through_m)))
-            fractures += terminated(_fractures(part, config, folder), ends)
+            fractures += terminated(_fractures(part, config, folder, log), ends)
     return fractures
 
 
-def _fractures(part, config, folder):
+def _fractures(part, config, folder, log):
     """Return the fractures of one table as far as they reach into the box."""
     box = np.column_stack([config.origin_m, np.add(config.origin_m, config.size_m)])
     if part.file is None:
@@ -126,7 +126,7 @@ def _fractures(part, config, folder):
         dip, azimuth = np.radians([part.dip_deg, part.dip_direction_deg])
         kappa, density = part.fisher_kappa, part.p32
         return FractureSet(part.name, dip, azimuth, kappa, density, sizes, part.seed).draw(box)
-    read = read_fractures(folder / part.file, part.name, box=box, unit=part.file_unit)
+    read = read_fractures(folder / part.file, part.name, box=box, unit=part.file_unit, log=log)
     mapped = [replace(f, name=part.name) for f in read]
     return refuse_many(part.name, [each for each in mapped if area_within(each, box) > 0.0])
 

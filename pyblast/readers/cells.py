@@ -86,6 +86,8 @@ def split_line(where: Path | str, line_number: int, line: str, delimiter: str = 
     """Split one line of delimited text into stripped cells."""
     if delimiter == " ":
         return line.split()
+    if '"' not in line:
+        return [cell.strip() for cell in line.split(delimiter)]
     try:
         cells = next(csv.reader([line], delimiter=delimiter, skipinitialspace=True), [])
     except csv.Error as error:
@@ -270,7 +272,7 @@ def number_format(
     """
     clear: dict[tuple[str, bool], str] = {}  # (mark, whether it is decimal): example
     open_: dict[str, str] = {}
-    commas = any("," in text for texts in columns for text in texts)
+    commas, points = (any(m in text for texts in columns for text in texts) for m in ",.")
     for texts in columns:
         whole, own = False, {}
         for cell in texts:
@@ -289,8 +291,8 @@ def number_format(
                 clear.setdefault((last, False), cell)
             elif len(tail) != 3 or len(head) > 3 or head.startswith("0") or not head:
                 clear.setdefault((last, True), cell)
-                if not commas:
-                    return NumberFormat()
+                if not (commas and points):
+                    return NumberFormat(last)
             else:
                 own.setdefault(last, cell)
         if "." in own and not whole:
@@ -373,9 +375,10 @@ def read_columns(
 
 def numbers_of(texts, form, where_of):
     """Return finite numbers of a column; ``where_of`` names the row of a message."""
-    if form == NumberFormat() and not any("_" in text for text in texts):
+    if not form.thousands and not any("_" in text for text in texts):
         try:
-            values = np.array(texts, dtype=float)
+            plain = [text.replace(form.decimal, ".") for text in texts]
+            values = np.array(plain, dtype=float)
         except ValueError:
             values = np.array([np.nan])
         if np.isfinite(values).all():
@@ -535,7 +538,7 @@ def title_splits(text: str) -> Iterator[tuple[str, str]]:
     """Yield the ways to split a title into stem and unit."""
     for match in reversed([*re.finditer(r"[\[(]\s*([^\[(\])]*?(?:\([^)]*\))?)\s*[\])]", text)]):
         yield f"{text[: match.start()]} {text[match.end() :]}".strip(" _,:/"), match[1]
-    for unit in ("Nm_per_s", *sorted(FACTORS, key=len, reverse=True)):
+    for unit in ("Nm_per_s", "deg", *sorted(FACTORS, key=len, reverse=True)):
         if text.endswith(f"_{unit}") or text.lower().endswith(f"_{unit}"):
             yield text[: -len(unit) - 1], unit
     head, _, tail = text.rpartition(" ")

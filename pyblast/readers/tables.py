@@ -476,6 +476,9 @@ def _without_totals(wanted, sources, data, head):
     rows, dropped = [], []
     for line, row in data:
         cells = {k: row[k] if k < len(row) else "" for k in numeric.values()}
+        if all(c and c[-1].isdigit() and c[0] not in "<>" for c in cells.values()):
+            rows.append((line, row))
+            continue
         numbers = [k for k, c in cells.items() if re.search(r"\d", c) or isinstance(c, Cell)]
         shown = ", ".join(cells[k] for k in numbers)
         if not numbers or row == head.titles:

@@ -82,6 +82,13 @@ def test_figures_are_those_of_the_project_not_of_a_paper(page):
     assert all(base64.b64decode(image)[:8] == b"\x89PNG\r\n\x1a\n" for image in images)
 
 
+def test_the_page_says_what_was_read(page):
+    table = page[page.index("What was read") :]
+
+    assert "R1.csv" in table
+    assert "column 2 &#39;longitudinal_m_per_s&#39;" in table
+
+
 def test_links_within_the_page_lead_somewhere(page):
     targets = re.findall(r'href="#([^"]+)"', page)
 
