@@ -52,7 +52,7 @@ ASKED = {
         "R at strength 0.9": Asked(0.05, 10.0, "a small part of the wave; the plane's own spring"),
         "*": Asked(0.05, 10.0),
     },
-    "9": {"slip*": Asked(0.05, 10.0, TRAVELLED)},
+    "9": {"slip*": Asked(0.055, 10.0, TRAVELLED)},
     "10": {
         "T at the*": Asked(0.03, 20.0),
         "T at twice*": Asked(0.03, 20.0, HARMONICS),

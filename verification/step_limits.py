@@ -7,10 +7,28 @@ from scipy.sparse.linalg import LinearOperator, eigsh
 
 from pyblast import core
 from pyblast.errors import SolverError
+from pyblast.model.joint import Joint
+from pyblast.model.material import PLASTIC, Elastic
 from pyblast.solver.preparation import prepare
 from pyblast.solver.run import simulate
 
 ROUNDS = 3  # the answer of mass damping to a force depends a little on the step
+
+
+def elastic(model):
+    """Return a model with elastic ground and joints at their largest stiffness: a linear one.
+
+    What yields or slips makes the operator of `true_limit` neither linear nor symmetric.
+    """
+    materials = {
+        name: replace(rock, law=Elastic()) if rock.law.name in PLASTIC else rock
+        for name, rock in model.materials.items()
+    }
+    joints = []
+    for joint in model.joints:
+        stiffness, _ = joint.bound()
+        joints.append(Joint(joint.surface, "elastic", {"kn": stiffness, "ks": stiffness}))
+    return replace(model, materials=materials, joints=joints, insitu=None, sources=())
 
 
 def true_limit(prepared, dt=None):
@@ -19,6 +37,7 @@ def true_limit(prepared, dt=None):
     Parameters
     ----------
     prepared : Prepared
+        Of a linear model, such as `elastic` returns.
     dt : float, s
         Where to begin; that of the model by default.
 

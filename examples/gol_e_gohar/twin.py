@@ -42,6 +42,11 @@ SEARCHES = {  # method and misfit
     "waveforms": ("levenberg", "waveform"),
 }
 NOISE, SEED = 0.02, 1  # rms of the noise as a share of the PPV of each component
+CAVITY = {  # a single hole, 188 mm/s at 39 m
+    "material": "magnetite", "hole_m": [-34.99, 137.27, 68.4], "receiver_m": [0, 150, 80],
+    "charge_kg": 450, "radius_m": 5, "peak_time_ms": 20, "duration_s": 1.5,
+}  # fmt: skip
+INPUT = {"face": "west", "low_pass_hz": 20, "distance_m": 39}  # alike on the whole face
 QUIET = 0.5  # s of record before the first firing
 CARRIED = {25: (1.0, 7.0), 15: (1.0, 11.0)}  # Hz that edges of the search carry (D1)
 
@@ -56,7 +61,11 @@ def project(edge, scale, real, **tables):
         layer.pop("edge_m", None)
     for ground in text["materials"].values():
         del ground["yielding"]
-    text["signature"]["scale"] = scale
+    text["signature"], text["input"] = {"cavity": CAVITY, "scale": scale}, INPUT
+    text["joints"]["fault"] |= {"cohesion_kpa": 20, "friction_angle_deg": 20}
+    replaced = {"signature.recorded", "input.decay_exponent", "receivers.rock.position_m"}
+    text["assumed"] = [key for key in text["assumed"] if key not in replaced]
+    text["receivers"] = text["receivers"][:1]
     text["run"] = {"duration_s": 1.5 if real else 1.0}
     text["damping"]["lagged"] = real
     if not real:  # edges of 25 m carry 0.7 Hz in the soil (D1); joints act on arrivals (D11)

@@ -10,7 +10,10 @@ from ..inference.covariance import PRIORS
 from ..inference.global_search import PAPER, paper, paper_eq15, random_search
 from ..inference.parameter import Problem
 from ..inference.records import band_functions
+from ..project.checks_ground import near_source
+from ..project.places import source_names
 from ..signals.comparison import in_common
+from ..solver.moment_density import near_receivers
 from .parameters import blasts_of, chosen_records
 from .trials import band_of
 from .waveforms import window_of
@@ -40,9 +43,20 @@ def findings_of_table(project) -> list[Finding]:
     elif table.misfit == "waveform":
         findings = few_coefficients(blasts, n_parameters)
     findings += late_records(blasts)
+    findings += near_sources(blasts)
     if table.method in ("paper", "paper_eq15"):
         findings += [hot_annealing(table.runs), annealing_against_random(n_parameters, table.runs)]
     return findings
+
+
+def near_sources(blasts) -> list[Finding]:
+    """Return D38 of the first blast that has receivers near a source, which do not count."""
+    for blast in blasts:
+        names = source_names(blast.model.sources, blast.blast)
+        finding = near_source(near_receivers(blast.model), names)
+        if finding is not None:
+            return [finding]
+    return []
 
 
 def few_peaks(blasts, n_parameters) -> Finding:

@@ -8,6 +8,7 @@ from ..config.config import BackAnalysisConfig
 from ..config.section import check_path
 from ..errors import InputError, named_error
 from ..inference.parameter import Parameter
+from ..project.places import resolved_receivers
 from ..project.project import CHEAP, Project, load_project, vary
 from ..signals.seismogram import Seismogram
 from ..solver.assembly import time_step
@@ -107,8 +108,13 @@ def blasts_of(project: Project) -> tuple[Project, ...]:
 
 def chosen_records(blast: Project, project: Project) -> dict[str, Seismogram]:
     """Return the records of a blast that the back-analysis of a project uses."""
-    names = table_of(project)[0].receivers or blast.recorded
-    return {name: record for name, record in blast.recorded.items() if name in names}
+    return used_records(blast, table_of(project)[0].receivers)
+
+
+def used_records(blast: Project, names: Sequence[str]) -> dict[str, Seismogram]:
+    """Return the records of a blast at named receivers, or all, that stand near no source (D38)."""
+    asked = tuple(name for name in blast.recorded if not names or name in names)
+    return {name: blast.recorded[name] for name in resolved_receivers(blast, asked)}
 
 
 def is_cheap(parameter: Parameter) -> bool:

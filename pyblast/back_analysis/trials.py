@@ -22,7 +22,7 @@ from ..project.result import plain
 from ..runs.parallel import input_hash
 from ..signals.seismogram import Seismogram
 from ..signals.spectra import dominant_frequency
-from .parameters import simulate
+from .parameters import simulate, used_records
 from .waveforms import Waveforms
 
 
@@ -59,8 +59,7 @@ class Target:
 
     def recorded(self, project) -> dict[str, Seismogram]:
         """Return the records of a project that are used."""
-        names = self.receivers or project.recorded
-        return {name: record for name, record in project.recorded.items() if name in names}
+        return used_records(project, self.receivers)
 
 
 def waveforms_of(target: Target) -> Waveforms:

@@ -33,6 +33,7 @@ def hole_sentences(blast: "Blast") -> list[str]:
         _timing(blast),
         _charging(blast),
         *_misfires(blast),
+        *_not_filled_in(blast),
         *_duplicates(blast),
         *_far_holes(blast),
         *_angles(blast),
@@ -71,6 +72,20 @@ def _misfires(blast):
     """Name the holes without any charge."""
     if np.any(blast.charge == 0.0):
         yield f"The charge is 0 for {blast.named(blast.charge == 0.0)}: no motion comes from there."
+
+
+def _not_filled_in(blast):
+    """Name what looks as if nobody had filled it in: no charges, no delays, odd toes."""
+    if len(blast.charge) > 1 and np.all(blast.charge == 0.0):
+        yield "All charges are 0: the table was not filled in, or every hole is a misfire."
+    if len(blast.times) > 1 and not np.any(blast.times):
+        yield "All holes fire at 0 ms: the table holds no delays, or nobody filled them in."
+    rise = blast.toe[:, 2] - blast.collar[:, 2]
+    if np.any(rise > 0.0):
+        yield f"The toe lies above the collar: {blast.named(rise > 0.0)}."
+    short = (blast.length == 0.0) & np.any(blast.length > 0.0)
+    if np.any(short):
+        yield f"Collar and toe are the same place, so the hole has no length: {blast.named(short)}."
 
 
 def _duplicates(blast):

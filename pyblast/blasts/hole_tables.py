@@ -1,31 +1,40 @@
-"""Hole tables: reading of known layouts, or of any CSV by a mapping of its columns."""
+"""Hole tables: known layouts, tables with usual titles, or any other by a mapping."""
 
-import csv
-import io
 import math
 import re
 import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from importlib import resources
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from ..errors import InputError, ReadError
-from ..recordings.hand_tables import HEAD_LINES, decode_table, delimiter_of, hole_columns
-from ..units import split_key, to_si
+from ..readers.cells import ABSENT, Cells, Wanted, cells_of, is_number, read_bytes, wanted_by
+from ..readers.provenance import ReadLog
+from ..readers.tables import (
+    HEAD_LINES,
+    NO_RULES,
+    Rules,
+    Table,
+    head_of,
+    load_mapping,
+    rules_of,
+    table_of,
+)
+from ..units import split_key
 from .blast import Blast
 
-NAMES = ("id", "blast", "from_hole")
-LENGTHS, TIMES = ("m", "mm", "ft"), ("s", "ms")
-UNITS = {
-    **dict.fromkeys(("x", "y", "z", "x_toe", "y_toe", "z_toe", "diameter", "length"), LENGTHS),
-    **dict.fromkeys(("deck_top", "deck_base"), LENGTHS),
-    **dict.fromkeys(("delay", "relative_delay"), TIMES),
-    **dict.fromkeys(("inclination", "bearing"), ("deg",)),
-    **dict.fromkeys(NAMES, ("",)),
-    "charge": ("kg", "lb"),
-}
+FEWEST_TITLES = 3
+LARGEST_FILE = 50_000_000
+TIE = ":::"
+OPTIONS = {"axes": ("east_north", "north_east"), "angle_from": ("vertical", "horizontal")}
+NOT_MEASURED = "09/05/1975"  # time stamp of Kirra for masses that nobody measured
+_PLACES = Wanted(
+    {n: q._replace(needed=n in ("x", "y", "z")) for n, q in wanted_by("holes").quantities.items()}
+)  # what a mapping or a known layout must have
 
 
 @dataclass(frozen=True)
@@ -37,110 +46,17 @@ class Layout:
     """
 
     name: str
-    columns: Mapping[str, int | str]
-    needs: tuple[str, ...] = ()
+    columns: Mapping[str, Any]
+    needs: Sequence[str] = ()
     axes: str = "east_north"
     angle_from: str = ""
 
 
-_PLACE = {"x_m": "x_m", "y_m": "y_m", "z_m": "z_m"}
-_TOE = {"x_toe_m": "x_toe_m", "y_toe_m": "y_toe_m", "z_toe_m": "z_toe_m"}
-_DECK = {"deck_top_m": "deck_top_m", "deck_base_m": "deck_base_m", "diameter_mm": "diameter_mm"}
-_LOGIC = {
-    "blast": "blast", "id": "hole_id", "diameter_mm": "diameter", "length_m": "length",
-    "inclination_deg": "angle", "bearing_deg": "bearing", "delay_ms": "time",
-}  # fmt: skip
-_KIRRA_PLACES = {
-    "x_m": "startxlocation", "y_m": "startylocation", "z_m": "startzlocation",
-    "x_toe_m": "endxlocation", "y_toe_m": "endylocation", "z_toe_m": "endzlocation",
-}  # fmt: skip
-WITH_HEADER = (
-    Layout(
-        "pyblast hole table",
-        {"id": "id", **_PLACE, **_TOE, "charge_kg": "charge_kg", "delay_ms": "delay_ms", **_DECK},
-        ("id", *_PLACE, *_TOE, "charge_kg", "delay_ms"),
-    ),
-    Layout(
-        "table of charge centres",
-        {
-            "id": "id",
-            "x_m": "x",
-            "y_m": "y",
-            "z_m": "z",
-            "charge_kg": "charge_kg",
-            "delay_s": "delay_s",
-        },
-        ("id", "x_m", "y_m", "z_m", "charge_kg", "delay_s"),
-    ),
-    Layout(
-        "BlastLogic export",
-        {
-            **_LOGIC,
-            "x_m": "startx",
-            "y_m": "starty",
-            "z_m": "startz",
-            "x_toe_m": "endx",
-            "y_toe_m": "endy",
-            "z_toe_m": "endz",
-            "charge_kg": "measured_mass",
-        },
-        ("id", "x_m", "y_m", "z_m", "delay_ms"),
-        angle_from="vertical",
-    ),
-    Layout(
-        "BlastLogic plan",
-        {
-            **_LOGIC,
-            "x_m": "x",
-            "y_m": "y",
-            "z_m": "z",
-            "x_toe_m": "toex",
-            "y_toe_m": "toey",
-            "z_toe_m": "toez",
-            "charge_kg": "planned_explosive_mass_kg",
-        },
-        ("blast", "id", "x_m", "y_m", "z_m", "delay_ms"),
-        angle_from="vertical",
-    ),
-    Layout(
-        "Kirra export",
-        {
-            "blast": "entityname",
-            "id": "holeid",
-            **_KIRRA_PLACES,
-            "diameter_mm": "holediameter",
-            "length_m": "holelengthcalculated",
-            "inclination_deg": "holeangle",
-            "bearing_deg": "holebearing",
-            "from_hole": "fromholeid",
-            "relative_delay_ms": "timingdelaymilliseconds",
-            "charge_kg": "measuredmass",
-        },
-        ("blast", "id", *_KIRRA_PLACES, "from_hole", "relative_delay_ms"),
-        angle_from="vertical",
-    ),
+_LAYOUTS = tomllib.loads(
+    resources.files("pyblast.blasts").joinpath("layouts.toml").read_text(encoding="utf-8")
 )
-
-
-def _kirra_columns(first, **others):
-    """Columns of a Kirra table without header: id and places in a row, the others by number."""
-    places = zip(("id", *_KIRRA_PLACES), range(first, first + 7), strict=True)
-    return {**dict(places), **others}
-
-
-_KIRRA_LONG = {
-    "blast": 0, "diameter_mm": 15, "from_hole": 17, "relative_delay_ms": 18, "charge_kg": 26,
-}  # fmt: skip
-WITHOUT_HEADER = {
-    4: {"id": 0, "x_m": 1, "y_m": 2, "z_m": 3},
-    7: _kirra_columns(0),
-    9: _kirra_columns(0, diameter_mm=7),
-    12: _kirra_columns(0, diameter_mm=7, from_hole=9, relative_delay_ms=10),
-    14: _kirra_columns(2, blast=0, diameter_mm=9, from_hole=11, relative_delay_ms=12),
-    30: _kirra_columns(2, **_KIRRA_LONG),
-    32: _kirra_columns(2, **_KIRRA_LONG),
-    35: _kirra_columns(2, **_KIRRA_LONG),
-}
+WITH_HEADER = tuple(Layout(**layout) for layout in _LAYOUTS["with_header"])
+_IN_A_ROW = ("id", "x_m", "y_m", "z_m", "x_toe_m", "y_toe_m", "z_toe_m")
 
 
 def plain(header: str) -> str:
@@ -166,36 +82,21 @@ def recognise(first_row: Sequence[str]) -> tuple[Layout | None, bool]:
         columns = {k: headers.index(name) for k, name in layout.columns.items() if name in headers}
         if all(key in columns for key in layout.needs):
             return replace(layout, columns=columns), True
-    columns = WITHOUT_HEADER.get(len(first_row))
-    if columns is None or not _is_number(first_row[columns["x_m"]]):
+    columns: dict[str, int] | None = _LAYOUTS["without_header"].get(str(len(first_row)))
+    if columns is None:
+        return None, False
+    columns = columns | {key: columns["id"] + k for k, key in enumerate(_IN_A_ROW)}
+    columns = {key: n for key, n in columns.items() if n < len(first_row)}
+    if not is_number(first_row[columns["x_m"]]):
         return None, False
     return Layout(f"Kirra table of {len(first_row)} columns", columns), False
 
 
-def _is_number(text):
-    """Whether a field reads as a number."""
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True
-
-
-LARGEST_FILE = 50_000_000
-ABSENT = {"", "na", "n/a", "nan", "null", "none", "-"}
-TIE = ":::"
-OPTIONS = {
-    "delimiter": (",", ";", "\t", "|"),
-    "decimal": (".", ","),
-    "header": (True, False),
-    "skip_lines": (int,),
-    "axes": ("east_north", "north_east"),
-    "angle_from": ("vertical", "horizontal"),
-}
-
-
 def read_blast(
-    path: str | Path, mapping: str | Path | dict | None = None, sheet: str | None = None
+    path: str | Path,
+    mapping: str | Path | dict | None = None,
+    sheet: str | None = None,
+    log: ReadLog | None = None,
 ) -> Blast:
     """Read a hole table, CSV or Excel; the layout is detected from the columns.
 
@@ -203,13 +104,16 @@ def read_blast(
     ----------
     path : str or Path
     mapping : str, Path or dict, optional
-        For any other CSV: a TOML file or its content. ``[columns]`` gives each quantity its
-        header name, or its number from 1; the unit is in the key (``charge_kg = "Mass"``,
-        ``x_m``, ``delay_ms``, ``relative_delay_ms`` with ``from_hole``, ``inclination_deg``...).
-        ``[table]`` may hold ``delimiter``, ``decimal``, ``header`` (false), ``skip_lines``,
-        ``axes`` ("east_north" or "north_east") and ``angle_from`` ("vertical", "horizontal").
+        For any other table: a TOML file or its content. ``[columns]`` gives a quantity its title,
+        or its number from 1; the unit is in the key (``charge_kg = "Mass"``, ``x_m``,
+        ``delay_ms``, ``relative_delay_ms`` with ``from_hole``, ``inclination_deg``...). What it
+        does not name is recognised by its title. ``[table]`` may hold ``delimiter``, ``decimal``,
+        ``header`` (false), ``skip_lines``, ``axes`` ("east_north" or "north_east") and
+        ``angle_from`` ("vertical", "horizontal").
     sheet : str, optional
         Sheet of an Excel workbook; may be left out where only one has cells.
+    log : ReadLog, optional
+        Takes what was read.
 
     Returns
     -------
@@ -218,8 +122,9 @@ def read_blast(
 
     Raises
     ------
-    ReadError
-        If the file or the mapping is invalid; names file, line and column.
+    ReadError, InputError
+        If the file or the mapping is invalid; names file, line and column. If two columns may be
+        one quantity and no title says which.
 
     Examples
     --------
@@ -227,29 +132,37 @@ def read_blast(
     >>> blast.checks()  # doctest: +SKIP
     """
     path = Path(path)
-    asked, options = (None, {}) if mapping is None else _read_mapping(mapping)
-    rows = _read_rows(path, options, sheet)
-    names = rows[0][1]
-    if asked is None:
-        layout, has_header = recognise(names)
-        if layout is None:
-            layout, rows, has_header = _by_hand(path, rows)
-    else:
-        has_header = options.get("header", True)
-        layout = _locate(path, asked, names, has_header)
-    if layout is None:
-        listed = ", ".join(names[:12])
-        raise ReadError(
-            f"{path.name}: the columns {listed} are no known hole table; give a mapping"
-        )
-    rows = rows[1:] if has_header else rows
-    if not rows:
-        raise ReadError(f"{path.name}: a header but no holes")
-    columns = _read_columns(path, layout, rows, options.get("decimal") or _decimal_mark(rows))
+    cells = cells_of(path.name, read_bytes(path, LARGEST_FILE), sheet)
+    layout, table = _table(cells, mapping, log)
     try:
-        return _assemble(layout, columns)
+        return _assemble(layout, table)
     except (InputError, ReadError) as error:
         raise ReadError(f"{path.name}: {error}") from None
+
+
+def _table(cells: Cells, mapping, log) -> tuple[Layout, Table]:
+    """Return the table of holes, and the layout that it has."""
+    layout, wanted, rules = Layout("table with usual titles", {}), wanted_by("holes"), NO_RULES
+    if mapping is not None:
+        tables = mapping if isinstance(mapping, dict) else load_mapping(mapping)
+        wanted, rules = _PLACES, rules_of(tables, _PLACES, OPTIONS)
+        conventions = {key: rules.options[key] for key in OPTIONS if key in rules.options}
+        layout = Layout("mapped table", {}, **conventions)
+    for delimiter in ",;\t" if mapping is None else "":
+        rows = cells.split(delimiter, count=HEAD_LINES)
+        known, has_header = recognise(rows[0][1]) if rows else (None, False)
+        if known is not None:
+            columns = {split_key(k)[0]: (n + 1, split_key(k)[1]) for k, n in known.columns.items()}
+            rules = Rules(columns, {"delimiter": delimiter, "header": has_header}, rest=False)
+            layout, wanted = known, _PLACES
+            break
+    head = head_of(cells, wanted, rules, least=FEWEST_TITLES)
+    if head is None:
+        _, row = next(iter(cells.split(",")), (1, ["(the table is empty)"]))
+        listed = ", ".join(row[:12])
+        raise ReadError(f"{cells.where}: the columns {listed} are no known hole table; give a "
+                        "mapping")  # fmt: skip
+    return layout, table_of(cells, head, wanted, rules, log, layout.name)
 
 
 def absolute_times(names: Sequence[str], origins: Sequence[str], delays: np.ndarray) -> np.ndarray:
@@ -289,134 +202,18 @@ def absolute_times(names: Sequence[str], origins: Sequence[str], delays: np.ndar
     return times
 
 
-def _by_hand(path, rows):
-    """Find a row of usual titles among the first; return layout, rows from there, and success."""
-    for n, (line, titles) in enumerate(rows[:HEAD_LINES]):
-        columns = hole_columns(f"{path.name} line {line}", titles)
-        if columns:
-            return Layout("table with usual titles", columns), rows[n:], True
-    return None, rows, False
-
-
-def _decimal_mark(rows):
-    """Return the decimal mark of the numbers: a comma where no number has a point."""
-    cells = [cell for _, fields in rows for cell in fields]
-    comma = any(re.fullmatch(r"[-+]?\d+,\d+", cell) for cell in cells)
-    return "," if comma and not any(re.fullmatch(r"[-+]?\d*\.\d+", cell) for cell in cells) else "."
-
-
-def _read_rows(path, options, sheet):
-    """Rows of a table with their line numbers; blank lines and # comments are left out."""
-    try:
-        if path.stat().st_size > LARGEST_FILE:
-            raise ReadError(f"{path.name}: larger than {LARGEST_FILE // 10**6} MB, no hole table")
-        text = decode_table(path, sheet)
-    except ReadError:
-        raise
-    except OSError as error:
-        raise ReadError(f"{path}: can't be read: {error.strerror}") from None
-    first = next((x for x in text.splitlines() if x.strip() and not x.startswith("#")), "")
-    delimiter = options.get("delimiter") or delimiter_of(first)
-    reader = csv.reader(io.StringIO(text, newline=""), delimiter=delimiter)
-    rows = []
-    try:
-        for fields in reader:
-            fields = [item.strip() for item in fields]
-            wanted = reader.line_num > options.get("skip_lines", 0)
-            if wanted and any(fields) and not fields[0].startswith("#"):
-                rows.append((reader.line_num, fields))
-    except csv.Error as error:
-        raise ReadError(f"{path.name} line {reader.line_num}: {error}") from None
-    if not rows:
-        raise ReadError(f"{path.name}: empty, expected a hole table")
-    return rows
-
-
-def _read_mapping(mapping):
-    """Turn a mapping into a layout and the options of the table."""
-    if not isinstance(mapping, dict):
-        try:
-            mapping = tomllib.loads(Path(mapping).read_text(encoding="utf-8"))
-        except (OSError, ValueError, RecursionError) as error:
-            raise ReadError(f"mapping {Path(mapping).name}: can't be read: {error}") from None
-    columns, options = mapping.get("columns"), mapping.get("table", {})
-    if not (isinstance(columns, dict) and isinstance(options, dict)):
-        raise ReadError("mapping: needs a table [columns] and may have a table [table]")
-    if unexpected := (set(mapping) - {"columns", "table"}) | (set(options) - set(OPTIONS)):
-        raise ReadError(f"mapping: unknown {min(unexpected)}; [table] takes {', '.join(OPTIONS)}")
-    for key in columns:
-        stem, unit = split_key(key)
-        if unit not in UNITS.get(stem, ()):
-            known = ", ".join(f"{name} ({'/'.join(units)})" for name, units in UNITS.items())
-            raise ReadError(
-                f"mapping: columns.{key} is no quantity with its unit; known are {known}"
-            )
-    for name, value in options.items():
-        if value not in OPTIONS[name] and type(value) is not OPTIONS[name][0]:
-            raise ReadError(f"mapping: table.{name} can't be {value!r}")
-    stems = {split_key(key)[0] for key in columns}
-    if lost := {"x", "y", "z"} - stems:
-        raise ReadError(f"mapping: columns.{min(lost)}_m is missing")
-    return Layout(
-        "mapped table",
-        columns,
-        axes=options.get("axes", "east_north"),
-        angle_from=options.get("angle_from", ""),
-    ), options
-
-
-def _locate(path, layout, first_row, has_header):
-    """Turn the header names of a mapping into numbers from 0."""
-    headers = [plain(name) for name in first_row]
-    columns = {}
-    for key, name in layout.columns.items():
-        if isinstance(name, str) and has_header and plain(name) in headers:
-            columns[key] = headers.index(plain(name))
-        elif type(name) is int and 1 <= name <= len(first_row):
-            columns[key] = name - 1
-        else:
-            raise ReadError(f"{path.name}: mapping asks for column {name!r} ({key}); not there")
-    return replace(layout, columns=columns)
-
-
-def _read_columns(path, layout, rows, decimal):
-    """Read every column: text for names, SI numbers (NaN where absent) for the rest."""
-    columns = {}
-    for key, index in layout.columns.items():
-        stem = split_key(key)[0]
-        is_name, values = stem in NAMES, []
-        for line, fields in rows:
-            where = f"{path.name} line {line}, column {index + 1} ({key})"
-            if index >= len(fields):
-                raise ReadError(f"{where}: the line has only {len(fields)} columns")
-            text = fields[index]
-            values.append(text if is_name else to_si(key, _number(text, decimal, where)))
-        columns[stem] = values if is_name else np.array([value for _, value in values])
-        if stem in {"x", "y", "z"} and np.any(np.isnan(columns[stem])):
-            line = rows[int(np.argmax(np.isnan(columns[stem])))][0]
-            raise ReadError(f"{path.name} line {line}: {key} is missing, expected a number")
-    return columns
-
-
-def _number(text, decimal, where):
-    """Read a number; absent values are NaN."""
-    if text.lower() in ABSENT:
-        return math.nan
-    try:
-        value = float(text if decimal == "." else text.replace(decimal, "."))
-    except ValueError:
-        value = math.inf
-    if math.isinf(value) or "_" in text:
-        raise ReadError(f"{where}: expected a number, got {text[:40]!r}")
-    return value
-
-
-def _assemble(layout, columns):
+def _assemble(layout, table):
     """Build the blast from columns in SI."""
-    n = len(columns["x"])
+    columns, notes = table.values, list(table.notes)
+    if table.unread and not layout.needs:
+        notes.append(f"Columns that are not read: {', '.join(table.unread.values())[:200]}.")
+    n = len(table.lines)
     missing = np.full(n, math.nan)
+    for name in ("x", "y", "z"):
+        if np.isnan(columns[name]).any():
+            line = table.lines[int(np.argmax(np.isnan(columns[name])))]
+            raise ReadError(f"line {line}: {name} is missing, expected a number")
     ids = columns.get("id", [str(k + 1) for k in range(n)])
-    notes = []
     collar = np.column_stack([columns[name] for name in ("x", "y", "z")])
     toe = _toes(layout, columns, collar, notes)
     if layout.axes == "north_east":
@@ -427,7 +224,7 @@ def _assemble(layout, columns):
         name=", ".join(blasts[:3]) or layout.name,
         collar=collar,
         toe=toe,
-        charge=columns.get("charge", missing),
+        charge=_charges(columns, missing),
         times=_times(columns, ids, notes),
         diameter=np.where(diameter == 0.0, math.nan, diameter),
         hole_ids=tuple(ids),
@@ -436,6 +233,15 @@ def _assemble(layout, columns):
         stated_inclination=columns.get("inclination", missing),
         notes=(f"Read as {layout.name}.", *notes),
     )
+
+
+def _charges(columns, missing):
+    """Return the charges in kg; a 0 that nobody measured is missing, not a misfire."""
+    charge = columns.get("charge", missing)
+    stamps = columns.get("measured_at", [""] * len(charge))
+    never = np.array([stamp.startswith(NOT_MEASURED) for stamp in stamps])
+    never |= columns.get("measured_length", missing) == 0.0
+    return np.where(never & (charge == 0.0), math.nan, charge)
 
 
 def _toes(layout, columns, collar, notes):

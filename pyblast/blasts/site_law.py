@@ -1,7 +1,7 @@
 """Site laws: peak velocity against scaled distance, fitted to the peaks of many blasts."""
 
-import csv
 import math
+import warnings
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
@@ -10,9 +10,10 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike
 
-from ..errors import InputError, ReadError
-from ..recordings.hand_tables import decode_table
-from ..units import FACTORS, split_key
+from ..errors import InputError, PyblastWarning, ReadError
+from ..readers.cells import wanted_by
+from ..readers.provenance import ReadLog
+from ..readers.tables import load_mapping, read_table
 
 FEWEST, NARROWEST, BEYOND = 6, 2.0, 1.5
 WANTED_RECORDS, WANTED_R2, CURVED = 30, 0.5, 0.01
@@ -259,10 +260,6 @@ def _notes(x, y, r2):
     return tuple(notes)
 
 
-LARGEST_FILE = 50_000_000
-WANTED = ("distance", "charge", "ppv")
-
-
 class SiteRecords(NamedTuple):
     """Distances (n,) m, charges in 8 ms (n,) kg, and peak velocities (n,) m/s."""
 
@@ -271,57 +268,41 @@ class SiteRecords(NamedTuple):
     ppv: np.ndarray
 
 
-def read_site_records(path: str | Path) -> SiteRecords:
-    """Read columns such as ``distance_m, charge_kg, ppv_mm_per_s``; others are left alone.
+def read_site_records(
+    path: str | Path,
+    mapping: dict | str | Path | None = None,
+    sheet: str | None = None,
+    log: ReadLog | None = None,
+) -> SiteRecords:
+    """Read a table of peaks, such as ``distance_m, charge_kg, ppv_mm_per_s``; text or workbook.
 
     Parameters
     ----------
     path : str or Path
-        CSV with a header; the unit is in the name of the column.
+    mapping : dict or path of a TOML file, optional
+        Columns whose titles don't say what they are, see `pyblast.readers.tables.read_table`.
+    sheet : str, optional
+        Of a workbook.
+    log : ReadLog, optional
+        Takes what was read.
 
     Returns
     -------
     SiteRecords
+        Without totals and peaks of which only a bound is given, such as "<0.5"; warns of them.
 
     Raises
     ------
-    ReadError
-        If a column is missing, duplicate or without a unit, or a value is no number.
+    ReadError, InputError
+        If a column is missing or without a unit, two columns may be one quantity, or a value is
+        no number.
     """
-    path = Path(path)
-    if not path.is_file():
-        raise ReadError(f"{path}: no such file")
-    if path.stat().st_size > LARGEST_FILE:
-        raise ReadError(f"{path.name}: larger than {LARGEST_FILE // 10**6} MB, no table of peaks")
-    try:
-        lines = decode_table(path).splitlines()
-        rows = [(n, row) for n, row in enumerate(csv.reader(lines), 1) if any(map(str.strip, row))]
-    except csv.Error as error:
-        raise ReadError(f"{path.name}: no CSV, {error}") from None
-    if len(rows) < 2:
-        raise ReadError(f"{path.name}: needs a header and records below it")
-    columns = [_column(path, [name.strip() for name in rows[0][1]], stem) for stem in WANTED]
-    values = [[_number(path, line, row, *column) for column in columns] for line, row in rows[1:]]
-    return SiteRecords(*np.array(values).T)
-
-
-def _column(path, names, stem):
-    """Return name, index and factor of the column of a quantity."""
-    titles = [
-        name for name in names if split_key(name)[0] == stem and split_key(name)[1] in FACTORS
-    ]
-    if len(titles) != 1:
-        raise ReadError(
-            f"{path.name}: needs one column {stem} with its unit, such as distance_m, charge_kg, "
-            f"ppv_mm_per_s; got {', '.join(names[:12])}"
-        )
-    return titles[0], names.index(titles[0]), FACTORS[split_key(titles[0])[1]]
-
-
-def _number(path, line, row, name, index, factor):
-    """Return one value in SI."""
-    text = row[index].strip() if index < len(row) else ""
-    try:
-        return factor * float(text)
-    except ValueError:
-        raise ReadError(f"{path.name}: line {line}: {name} is no number: {text[:40]!r}") from None
+    mapping = load_mapping(mapping) if isinstance(mapping, (str, Path)) else mapping
+    table = read_table(path, wanted_by("peaks"), mapping, log, sheet=sheet, kind="table of peaks")
+    for name in SiteRecords._fields:
+        if np.isnan(table.values[name]).any():
+            line = table.lines[int(np.argmax(np.isnan(table.values[name])))]
+            raise ReadError(f"{table.where}: line {line}: {name} is missing, expected a number")
+    for note in table.notes:
+        warnings.warn(f"{table.where}: {note}", PyblastWarning, stacklevel=2)
+    return SiteRecords(*(table.values[name] for name in SiteRecords._fields))

@@ -15,6 +15,7 @@ from ..errors import (
     WRONG_INPUT,
     InputError,
 )
+from ..readers.provenance import ReadLog
 from . import console
 from .console import exit_codes
 
@@ -28,6 +29,11 @@ Full = Annotated[
 Fresh = Annotated[
     bool,
     typer.Option("--fresh", help="Start anew instead of going on with an unfinished result."),
+]
+
+Verbose = Annotated[
+    bool,
+    typer.Option("--verbose", help="Show what was read: file, column, unit, factor, losses."),
 ]
 
 app = typer.Typer(
@@ -89,6 +95,7 @@ def run(
         Path | None,
         typer.Option(help="Write the model for the program pyblast-run, and simulate nothing."),
     ] = None,
+    verbose: Verbose = False,
 ):
     """Run the whole chain of a project file to a report.
 
@@ -112,6 +119,7 @@ def run(
             from ..workflows import run as workflow
 
             outcome = workflow.run(loaded, out, fresh=fresh, progress=progress, say=console.say)
+        console.show_inputs(loaded.log.table(), verbose)
         console.show_outcome(outcome)
         if outcome.check.failed and not accept_findings:
             console.say("a check fails, see above: exit code 3; --accept-findings accepts it")
@@ -119,7 +127,7 @@ def run(
 
 
 @app.command()
-def check(project: ProjectFile, full: Full = False):
+def check(project: ProjectFile, full: Full = False, verbose: Verbose = False):
     """Check a project: size and cost of its run, and findings about its model and data.
 
     Shows volumes, zones, the highest frequency that the mesh carries in each material, time step,
@@ -133,6 +141,7 @@ def check(project: ProjectFile, full: Full = False):
 
         with console.Progress() as progress:
             result = check_project(loaded, progress=progress)
+        console.show_inputs(loaded.log.table(), verbose)
         console.show_check(result)
         if loaded.config.back_analysis is not None and not is_recorded(loaded):
             console.say("[back_analysis]: no record yet; use backanalyse --design-survey")
@@ -194,6 +203,10 @@ def compare(
         typer.Option(help="From the instrument to the blast, degrees clockwise from north."),
     ] = None,
     sheet: Annotated[str | None, typer.Option(help="Sheet of the record, of a workbook.")] = None,
+    unit: Annotated[
+        str | None,
+        typer.Option(help="Of miniSEED, SAC or GSE2: mm_per_s, m_per_s2 of accelerometers, ..."),
+    ] = None,
 ):
     """Compare a record with a simulation.
 
@@ -206,7 +219,7 @@ def compare(
         from ..workflows.run import compare_files
 
         band = None if low is None or high is None else (low, high)
-        files = recorded, simulated, receiver, band, bearing, sheet
+        files = recorded, simulated, receiver, band, bearing, sheet, unit
         console.show_compared(*compare_files(*files))
 
 
@@ -260,6 +273,11 @@ def sitelaw(
     limit: Annotated[
         float | None, typer.Option(help="Peak velocity in mm/s; show the charges that keep it.")
     ] = None,
+    mapping: Annotated[
+        Path | None, typer.Option(help="TOML file that explains the columns of any other table.")
+    ] = None,
+    sheet: Annotated[str | None, typer.Option(help="Sheet of the records, of a workbook.")] = None,
+    verbose: Verbose = False,
 ):
     """Fit peak velocity against scaled distance.
 
@@ -269,7 +287,9 @@ def sitelaw(
     with exit_codes():
         from ..blasts.site_law import fit_site_law, read_site_records
 
-        law = fit_site_law(*read_site_records(records), charge_exponent)
+        log = ReadLog()
+        law = fit_site_law(*read_site_records(records, mapping, sheet, log), charge_exponent)
+        console.show_inputs(log.table(), verbose)
         console.show_site_law(law, None if limit is None else 1e-3 * limit)
 
 
@@ -471,6 +491,7 @@ def records(
         str | None, typer.Option(help="Sensor whose response is known to be flat.")
     ] = None,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the permutation tests.")] = 0,
+    verbose: Verbose = False,
 ):
     """Analyse field records without a model.
 
@@ -488,6 +509,7 @@ def records(
                 folder, out, geometry=geometry, surface_band=surface_band, air_band=air_band,
                 sensor_band=sensor_band, reference=reference, seed=seed, progress=progress,
             )  # fmt: skip
+        console.show_inputs(summary["inputs"], verbose)
         console.say("\n".join([*summary_lines(summary), f"results: {results}"]))
         console.say(f"report:  {results / 'report.html'}")
 

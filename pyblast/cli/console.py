@@ -9,6 +9,7 @@ import math
 import signal
 import sys
 import time
+import unicodedata
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -21,6 +22,7 @@ from rich.table import Table
 from typer import Exit
 
 from ..errors import INTERRUPTED, SOLVER_FAILED, WRONG_INPUT, PyblastError, SolverError
+from ..readers.provenance import input_lines
 
 if TYPE_CHECKING:
     from ..back_analysis.search import BackAnalysis
@@ -53,7 +55,8 @@ STAGES = {
 }
 ASCII = {
     "°": " deg", "×": "x", "√": "sqrt ", "–": "-", "−": "-", "…": "...", "µ": "u", "²": "2",
-    "³": "3",
+    "³": "3", "ä": "ae", "ö": "oe", "ü": "ue", "Ä": "Ae", "Ö": "Oe", "Ü": "Ue", "ß": "ss", "—": "-",
+    "ł": "l", "Ł": "L", "ø": "o", "Ø": "O", "ı": "i",
 }  # fmt: skip
 WIDE = None if sys.stdout.isatty() else 120  # columns of a log
 _out = Console(highlight=False, soft_wrap=True, width=WIDE)
@@ -64,7 +67,12 @@ def _spelt(error: UnicodeError) -> tuple[str, int]:
     """Spell what the encoding of a terminal lacks."""
     assert isinstance(error, UnicodeEncodeError)
     lacking = error.object[error.start : error.end]
-    return "".join(ASCII.get(letter, "?") for letter in lacking), error.end
+    return "".join(ASCII.get(letter) or _plain(letter) for letter in lacking), error.end
+
+
+def _plain(letter: str) -> str:
+    """Return a letter without its accents, "?" where that is none of ASCII."""
+    return unicodedata.normalize("NFKD", letter).encode("ascii", "ignore").decode() or "?"
 
 
 codecs.register_error("spelt", _spelt)
@@ -207,6 +215,12 @@ def show_findings(findings: "Iterable[Finding]") -> None:
     for finding in findings:
         say(f"{finding.code}{' FAILS' if finding.failed else ''}: {finding.title}")
         say(f"    {finding.text}")
+
+
+def show_inputs(files: "list[dict]", wanted: bool) -> None:
+    """Print what was read, see `ReadLog.table`, if it is wanted."""
+    for line in input_lines(files) if wanted else ():
+        say(line)
 
 
 def show_level(project: "Project") -> None:

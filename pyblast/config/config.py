@@ -266,6 +266,7 @@ class InputConfig(Section):
     free_surface: Name = "top"
     low_pass_hz: Positive | None = 20.0
     distance_m: Positive | None = None
+    decay_exponent: NotNegative | None = None
 
     @model_validator(mode="after")
     def _plane_wave(self):
@@ -275,6 +276,10 @@ class InputConfig(Section):
             for key in needed:
                 if getattr(self, key) is None:
                     raise ValueError(f"{key} is missing beside enters_as = 'plane_wave'")
+        if self.decay_exponent is not None and self.enters_as != "stress":
+            raise ValueError("decay_exponent needs enters_as = 'stress', leave it out")
+        if self.decay_exponent is not None and self.distance_m is None:
+            raise ValueError("distance_m is missing beside decay_exponent")
         for key in (*needed, "free_surface"):
             if self.enters_as != "plane_wave" and key in self.model_fields_set:
                 raise ValueError(f"{key} needs enters_as = 'plane_wave'; leave it out")

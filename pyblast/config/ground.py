@@ -167,6 +167,7 @@ class MeshConfig(Section):
     file: str | None = None
     file_groups: dict[str, Name] = Field({})
     file_joints: dict[str, Name] = Field({})
+    file_welded: list[Name] = Field([])
 
     @model_validator(mode="after")
     def _complete(self):

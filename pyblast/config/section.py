@@ -5,21 +5,16 @@ import tomllib
 from typing import Annotated, Any
 
 import numpy as np
-from pydantic import (
-    AfterValidator,
-    BaseModel,
-    ConfigDict,
-    Field,
-    ValidationError,
-    model_validator,
-)
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from ..blasts.published_laws import BY_NAME
 from ..errors import InputError, ReadError
 from ..model.source import TimeFunction
-from ..recordings.hand_tables import decode_table
+from ..readers.cells import Wanted, wanted_by
+from ..readers.provenance import ReadLog
+from ..readers.tables import Rules, read_table, regular_step
 from ..signals.comparison import load_limits
-from ..units import STEEPEST, plain_number, to_si
+from ..units import STEEPEST, plain_number
 
 Positive = Annotated[float, Field(gt=0.0)]
 NotNegative = Annotated[float, Field(ge=0.0)]
@@ -92,85 +87,50 @@ def _ascending(box):
     return box
 
 
-MAX_TABLE_BYTES = 100_000_000
 LEAST_SAMPLES = 4
+SHORTEST_STEP = 1e-9  # s
 
 
-def read_columns(path, heads):
-    """Read a table of numbers in columns that commas separate.
+def read_time_function(
+    path, name: str, log: ReadLog | None = None, rules: Rules | None = None
+) -> TimeFunction:
+    """Read a function of time: a table of evenly spaced times and values.
 
     Parameters
     ----------
     path : path
-    heads : tuple of str
-        First lines that are permitted, such as ``("time_s,force_n", "time_s,force_kn")``.
-
-    Returns
-    -------
-    (n, n_columns) float64, SI
-
-    Raises
-    ------
-    ReadError
-        If the file can't be read, begins otherwise, or a line holds something else than numbers.
-    """
-    try:
-        if path.stat().st_size > MAX_TABLE_BYTES:
-            raise ReadError(f"{path}: a table has at most 100 MB, this one is larger")
-        lines = decode_table(path).splitlines()
-    except OSError as error:
-        if isinstance(error, ReadError):
-            raise
-        raise ReadError(f"{path}: can't be read ({error.strerror or error})") from None
-    head = lines[0].replace(" ", "") if lines else ""
-    if head not in heads:
-        raise ReadError(f"{path}, line 1: must be {' or '.join(heads)}")
-    names = head.split(",")
-    rows = [
-        _numbers(path, number, line, len(names))
-        for number, line in enumerate(lines[1:], start=2)
-        if line.strip()
-    ]
-    factors = np.array([to_si(name, 1.0)[1] for name in names])
-    return np.array(rows).reshape(-1, len(names)) * factors
-
-
-def _numbers(path, number, line, count):
-    """Return the numbers of one line."""
-    try:
-        values = [float(word) for word in line.split(",")]
-    except ValueError:
-        values = []
-    if len(values) != count or not np.isfinite(values).all():
-        words = {2: "two", 3: "three"}[count]
-        raise ReadError(f"{path}, line {number}: must be {words} numbers, got {line[:40]!r}")
-    return values
-
-
-def read_time_function(path, heads) -> TimeFunction:
-    """Read a function of time: a table of evenly spaced times and values.
+    name : str
+        Quantity: "force", "moment_rate", "moment_rate_per_kg" or "pressure".
+    log : ReadLog, optional
+        Takes what was read.
+    rules : Rules, optional
+        Of a table whose titles are not looked at.
 
     Raises
     ------
     ReadError
         If the table can't be read, is shorter than four lines or not evenly spaced.
     """
-    table = read_columns(path, heads)
-    if len(table) < LEAST_SAMPLES:
+    curves = wanted_by("curves").quantities
+    wanted = Wanted({"time": curves["time"], name: curves[name]})
+    table = read_table(path, wanted, rules, log, kind=f"{name.replace('_', ' ')} over time")
+    times, values = table.values["time"], table.values[name]
+    missing = np.isnan(times) | np.isnan(values)
+    if missing.any():
+        line = table.lines[int(np.argmax(missing))]
+        raise ReadError(f"{path}, line {line}: must be two numbers, one is missing")
+    if len(times) < LEAST_SAMPLES:
         raise ReadError(
-            f"{path}: needs at least {LEAST_SAMPLES} lines of numbers, got {len(table)}"
+            f"{path}: needs at least {LEAST_SAMPLES} lines of numbers, got {len(times)}"
         )
-    times, values = table.T
-    steps = np.diff(times)
-    dt = (times[-1] - times[0]) / len(steps)
-    uneven = np.flatnonzero(np.abs(steps - dt) > 1e-3 * abs(dt))
-    if not dt > 0.0 or len(uneven):
-        where = 2 + int(uneven[0]) if len(uneven) else 1
+    dt, odd = regular_step(times, table.digits["time"], share=1e-3)
+    if odd is not None or not dt > SHORTEST_STEP:
+        k = odd or 1
         raise ReadError(
-            f"{path}: times must grow by equal steps, but between the numbers {where - 1} and "
-            f"{where} they change by {steps[where - 2]:g} s"
+            f"{path}, line {table.lines[k]}: times must grow by equal steps, but here they change "
+            f"by {times[k] - times[k - 1]:g} s"
         )
-    return TimeFunction(values, float(dt), float(times[0]))
+    return TimeFunction(values, dt, float(times[0]))
 
 
 class RecordingConfig(Section):

@@ -10,6 +10,7 @@ from ..model.model import Receiver
 from ..project.elements import for_band, longest_path, survey_positions
 from ..project.flat_box import band_of, check_flat, not_flat
 from ..project.ground import damages_material
+from ..project.places import resolved_receivers
 from ..project.project import Project
 from ..signals.seismogram import GEOGRAPHIC, PASS_BAND
 from .thresholds import SHORTEST_RECORD
@@ -27,6 +28,8 @@ class Case(Records):
     project : Project
         The reference ground with its blasts; all receivers are given, in geographic axes where
         both horizontals were recorded.
+    near : tuple of str
+        Receivers with records that stand too near to a source to be compared.
     gain : (n_receivers,) float64, optional
         Factor on simulated motion, as trusted shots show it.
     share : (n_receivers,) float64, optional
@@ -34,6 +37,7 @@ class Case(Records):
     """
 
     project: Project
+    near: tuple[str, ...] = ()
     gain: np.ndarray | None = None
     share: np.ndarray | None = None
 
@@ -72,6 +76,14 @@ def case_of(project: Project, blasts=None) -> Case:
     receivers = tuple(r.name for r in project.receivers if r.name in recorded)
     if not receivers:
         raise InputError("case: none of the receivers has a record")
+    far = [set(resolved_receivers(projects[name], receivers)) for name in names]
+    near = tuple(name for name in receivers if not all(name in each for each in far))
+    receivers = tuple(name for name in receivers if name not in near)
+    if not receivers:
+        raise InputError(
+            "case: every receiver stands near a source of some blast, where the mesh makes errors "
+            "above 20 % (D38); name blasts that leave one"
+        )
     window = _noise_window(project, names, records)
     recordings = [table[name] for table in records for name in receivers if name in table]
     dt = recordings[0].seismogram.dt
@@ -99,7 +111,9 @@ def case_of(project: Project, blasts=None) -> Case:
     spectra = noise_of(np.where(recorded, noise, np.nan), dt, limits)
     dead = _dead(constant, valid, names, receivers)
     band = band_functions(motion.shape[-1], dt, limits, None if valid.all() else valid)
-    return Case(names, receivers, dt, motion, valid, band, spectra, dead, project=project)
+    return Case(
+        names, receivers, dt, motion, valid, band, spectra, dead, project=project, near=near
+    )
 
 
 def _gathered(project, highest):

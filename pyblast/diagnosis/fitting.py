@@ -288,7 +288,8 @@ def fit(
         fitted, and are then fitted with its Jacobian, which saves runs. The fit ends early if the
         first blasts gain too little over it.
     rival : Fit, optional
-        Fit of other effects. The fit ends early if the first blasts show that these stay better.
+        Fit of other effects. The fit ends early if the first blasts, or the first steps in all,
+        show that these stay better.
 
     Returns
     -------
@@ -314,11 +315,14 @@ def fit(
             jacobian = jacobian + others.jacobian(x, motion, free)
         known = jacobian
         x, motion, jacobian, hessian = fitter.minimise(x, motion, free, known)
-        if known is not None and fitter.predicted_decrease(x, motion, jacobian, free) > OUTDATED:
+        decrease = 0.0
+        if known is not None:
+            decrease = fitter.predicted_decrease(x, motion, jacobian, free)
+        if rival is not None and not _may_equal(fitter, rival, x, motion, decrease):
+            return None
+        if decrease > OUTDATED:
             x, motion, jacobian, hessian = fitter.minimise(x, motion, free)
         if base is not None and not _promising(fitter, base, x, motion):
-            return None
-        if rival is not None and not _may_equal(fitter, rival, x, motion):
             return None
     if not effects or any(effect.hypothesis.on == "site" for effect in effects):
         if base is not None and jacobian is not None:
@@ -351,17 +355,15 @@ def _promising(fitter, base, x, motion):
     return known - fitter.objective(x, motion) > 2.0 * DECISIVE * share
 
 
-def _may_equal(fitter, rival, x, motion):
-    """Tell whether a fit to some blasts may still come near a rival.
+def _may_equal(fitter, rival, x, motion, decrease):
+    """Tell whether a fit to some blasts may still come near a rival, after a further decrease.
 
     In the other blasts it can at best explain all that exceeds noise and model error.
     """
     others = [b for b in range(len(rival.chi_square)) if b not in fitter.blasts]
-    if not others:
-        return True
     floor = fitter.likelihood.misfit_of(np.minimum(rival.chi_square, 1.0), others)
-    known = rival.misfit + rival.x @ rival.x
-    return fitter.objective(x, motion) + floor - known < 2.0 * CLEARLY
+    behind = fitter.objective(x, motion) - decrease + floor - rival.misfit - rival.x @ rival.x
+    return behind < 2.0 * CLEARLY
 
 
 def corrected(scene: Scene, fit: Fit, shift) -> Fit:

@@ -147,6 +147,11 @@ class Forward:
     def _through_face(self, project, blast):
         """Return the motion of each hole of a blast that enters through a face, by one run."""
         fired = self.case.project.of(blast)
+        if fired.config.input.decay_exponent is not None:
+            raise InputError(
+                f"{fired.path.name}: input.decay_exponent: a diagnosis needs the motion of each "
+                "hole, which is alike on the whole face or comes from holes_inside; leave it out"
+            )
         signal = make_input(
             fired.signature, Firing(np.zeros(1), np.ones(1)), fired.config.input.low_pass_hz
         )

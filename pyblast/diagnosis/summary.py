@@ -66,8 +66,9 @@ def summarise(search: Search, null: NullDistribution | None, decision: Decision)
             "dead_channels": list(case.dead),
             "receivers_without_records": [
                 receiver.name for receiver in case.project.receivers
-                if receiver.name not in case.receivers
+                if receiver.name not in (*case.receivers, *case.near)
             ],
+            "receivers_near_a_source": list(case.near),
             "clipped": _clipped(case),
             "excluded_share": round(float(np.mean(~case.valid)), 4),
         },

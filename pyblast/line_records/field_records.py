@@ -1,41 +1,27 @@
 """Field records: all record files of a folder, with geometry from headers or a table."""
 
-import csv
 import math
 import warnings
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from ..errors import InputError, PyblastError, PyblastWarning, ReadError
-from ..readers.provenance import FileRead
+from ..readers.cells import decode_lines, read_bytes, read_columns, split_line, wanted_by
+from ..readers.provenance import ReadLog
+from ..readers.tables import read_table
 from ..recordings.pieces import Stretch, common_windows, stretches_of
-from ..recordings.raw import (
-    at_level,
-    decode_lines,
-    is_dead,
-    plateau_level,
-    read_bytes,
-    read_columns,
-    split_line,
-    uniform_step,
-)
-from ..recordings.recording import (
-    Gather,
-    Recording,
-    first_recording,
-    read_gather,
-    read_recording,
-)
+from ..recordings.raw import MAX_FILE_BYTES, at_level, is_dead, plateau_level, uniform_step
+from ..recordings.recording import Gather, Recording, first_recording, read_gather, read_recording
 from ..recordings.seismic import quantity_of, read_traces, sniff_seismic
 from ..units import FACTORS, split_key
 
 METRES_PER_DEGREE = 111_195.0
 NOT_RECORDS = {".md", ".txt", ".pdf", ".toml", ".json", ".html", ".sgt", ".py", ".h5", ""}
-COLUMNS = ("kind", "name", "x_m", "y_m", "z_m", "file", "line", "sensor")
-NEEDED = ("kind", "name", "x_m", "y_m")
+TEXTS = ("kind", "name", "file", "line", "sensor")
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,7 +62,7 @@ class FieldRecord:
 
 
 def read_folder(
-    folder: str | Path, geometry: str | Path | None = None
+    folder: str | Path, geometry: str | Path | None = None, log: ReadLog | None = None
 ) -> tuple[list[FieldRecord], list[tuple[str, str]]]:
     """Read all records of a folder.
 
@@ -87,6 +73,8 @@ def read_folder(
         (``time_s`` and one column a channel, with its unit); subfolders are not read.
     geometry : path, optional
         Geometry table, see `read_geometry`; positions come from the headers otherwise.
+    log : ReadLog, optional
+        Takes what was read.
 
     Returns
     -------
@@ -101,21 +89,25 @@ def read_folder(
     folder = Path(folder)
     if not folder.is_dir():
         raise ReadError(f"{folder}: is no folder; give the folder that holds the records")
-    table = [] if geometry is None else read_geometry(geometry)
+    log = ReadLog() if log is None else log
+    table = [] if geometry is None else read_geometry(geometry, log)
     skip = set() if geometry is None else {Path(geometry).resolve()}
     records, single, skipped = [], [], []
     for path in sorted(folder.iterdir(), key=_natural):
         if not path.is_file() or path.name.startswith(".") or path.resolve() in skip:
             continue
         try:
-            read = _read_file(path)
+            own = ReadLog()
+            read = _read_file(path, own)
+            log.extend(own)
         except PyblastError as error:
             reason = str(error).removeprefix(f"{path}").lstrip(":, ")
-            skipped.append((path.name, "is no record" if path.suffix in NOT_RECORDS else reason))
+            other = path.suffix in NOT_RECORDS and reason.startswith("is none of")
+            skipped.append((path.name, "is no record" if other else reason))
             continue
         (single if len(read.channels) == 1 and read.format in ("SAC", "MSEED", "GSE2") else
          records).append(read)  # fmt: skip
-    records += _joined(single)
+    records += _joined(single, log)
     if not records:
         reasons = "; ".join(f"{name}: {reason}" for name, reason in skipped[:3]) or "it is empty"
         raise InputError(f"{folder}: holds no record that can be read ({reasons})")
@@ -128,24 +120,24 @@ def _natural(path: Path) -> tuple:
     return (0, int(stem), path.name) if stem.isdigit() else (1, 0, path.name)
 
 
-def _read_file(path: Path) -> FieldRecord:
+def _read_file(path: Path, log: ReadLog) -> FieldRecord:
     """Read a file by its content."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
-        recording, content = None, read_bytes(path)
+        recording, content = None, read_bytes(path, MAX_FILE_BYTES)
         format = sniff_seismic(content)
         if format in ("SEG2", "SEGY"):
-            gather, checks = read_gather(path), ()
+            gather, checks = read_gather(path, log=log), ()
             names = [str(n + 1) for n in range(len(gather.data))]
         elif format is not None:
-            gather, names = _from_traces(path, content, format)
+            gather, names = _from_traces(path, content, format, log)
             checks = ()
         elif _is_channel_table(path, content):
             format = "CSV"
-            gather, names = _from_table(path, decode_lines(path, content))
+            gather, names = _from_table(path, decode_lines(path, content), log)
             checks = ()
         else:
-            recording, gather, names, checks, format = _from_recording(path)
+            recording, gather, names, checks, format = _from_recording(path, log)
     notes = tuple(str(warning.message).removeprefix(f"{path}").lstrip(":, ") for warning in caught)
     blank = ("",) * len(names)
     return FieldRecord(
@@ -153,9 +145,9 @@ def _read_file(path: Path) -> FieldRecord:
     )
 
 
-def _from_traces(path: Path, content: bytes, format: str) -> tuple[Gather, list[str]]:
+def _from_traces(path: Path, content: bytes, format: str, log: ReadLog) -> tuple[Gather, list[str]]:
     """Return the traces of a file over their common time, one channel each."""
-    entry = FileRead(path.name, format)
+    entry = log.file(path, format)
     traces = read_traces(path, content, format, entry)
     kinds = [quantity_of(trace) for trace in traces]
     motion = "velocity" if "velocity" in kinds else next((k for k in kinds if k != "pressure"), "")
@@ -225,7 +217,7 @@ def _is_channel_table(path: Path, content: bytes) -> bool:
     )
 
 
-def _from_table(path: Path, lines: list[str]) -> tuple[Gather, list[str]]:
+def _from_table(path: Path, lines: list[str], log: ReadLog) -> tuple[Gather, list[str]]:
     """Read ``time_s`` and one column a channel, such as ``OL01_V``."""
     first = next(n for n, line in enumerate(lines) if not line.startswith("#"))
     titles = split_line(path, first + 1, lines[first])
@@ -239,14 +231,20 @@ def _from_table(path: Path, lines: list[str]) -> tuple[Gather, list[str]]:
     names = [stem for stem, _ in keys] if known else list(columns)
     factor = FACTORS[next(iter(units))] if known else 1.0
     data = factor * np.array(list(columns.values()))
+    entry = log.file(path, "table of channels")
+    for title, name in zip(columns, names, strict=True):
+        unit = next(iter(units)) if known else ""
+        entry.column(
+            name, f"column {titles.index(title) + 1} {title!r}", unit, factor, rows=len(rows)
+        )
     positions = np.full((len(data), 3), np.nan)
     unit = "V" if known and next(iter(units)) in ("v", "mv") else "units of the file"
     return _gather(path, data, dt, float(times[0]), unit, "", positions, positions[0]), names
 
 
-def _from_recording(path: Path) -> tuple[Recording, Gather, list[str], tuple, str]:
+def _from_recording(path: Path, log: ReadLog) -> tuple[Recording, Gather, list[str], tuple, str]:
     """Read the export of a blast seismograph: the components that are there."""
-    recording = first_recording(path, read_recording(path))
+    recording = first_recording(path, read_recording(path, log=log))
     motion = recording.seismogram
     present = np.flatnonzero(motion.present)
     positions = np.full((len(present), 3), np.nan)
@@ -274,7 +272,7 @@ def _gather(path, data, dt, start, unit, time, places, source) -> Gather:
     )  # fmt: skip
 
 
-def _joined(single: list[FieldRecord]) -> list[FieldRecord]:
+def _joined(single: list[FieldRecord], log: ReadLog) -> list[FieldRecord]:
     """Join one-channel files that began within a second of each other into one record."""
     from obspy import UTCDateTime
 
@@ -292,16 +290,19 @@ def _joined(single: list[FieldRecord]) -> list[FieldRecord]:
                 break
         else:
             groups.append([record])
-    return [_merged(group) for group in groups]
+    return [record for group in groups for record in _merged(group, log)]
 
 
-def _merged(group: list[FieldRecord]) -> FieldRecord:
-    """Return one record of one-channel files, over their common time by their starts."""
+def _merged(group: list[FieldRecord], log: ReadLog) -> list[FieldRecord]:
+    """Return one record of one-channel files, over their common time by their starts.
+
+    Files that have no such time, or would cut the peak of another one, stay records of their own.
+    """
     from obspy import UTCDateTime
 
     first = group[0]
     if len(group) == 1:
-        return first
+        return group
     dt, times = first.gather.dt, [UTCDateTime(record.gather.time) for record in group]
     channels = [
         [Stretch(record.file, begin - min(times), record.gather.data[0])]
@@ -311,15 +312,13 @@ def _merged(group: list[FieldRecord]) -> FieldRecord:
         warnings.simplefilter("always")
         try:
             (window,) = common_windows(
-                Path(first.file), channels, dt, FileRead(first.file, first.format)
+                Path(first.file), channels, dt, log.file(first.file, first.format)
             )
-        except ReadError as error:
-            raise ReadError(f"{first.file} and {len(group) - 1} others: {error}") from None
+        except ReadError:  # no time in common
+            return group
     used = {part.name for part in window.stretches}
     members = [record for record in group if record.file in used]
-    skips = [
-        round((window.start - part.start) / dt) for part in window.stretches
-    ]  # fmt: skip
+    skips = [window.skip(n, dt) for n in range(len(members))]
     parts = [record.gather for record in members]
     gather = replace(
         first.gather,
@@ -336,10 +335,11 @@ def _merged(group: list[FieldRecord]) -> FieldRecord:
     names = tuple(record.channels[0] for record in members)
     said = [str(warning.message) for warning in caught]
     notes = tuple(dict.fromkeys([*said, *(note for record in members for note in record.notes)]))
-    return FieldRecord(first.file, first.format, gather, names, blank, blank, notes=notes)
+    merged = FieldRecord(first.file, first.format, gather, names, blank, blank, notes=notes)
+    return [merged, *(record for record in group if record.file not in used)]
 
 
-def read_geometry(path: str | Path) -> list[dict[str, str]]:
+def read_geometry(path: str | Path, log: ReadLog | None = None) -> list[dict[str, Any]]:
     """Read a geometry table: positions of receivers and sources.
 
     Parameters
@@ -361,39 +361,24 @@ def read_geometry(path: str | Path) -> list[dict[str, str]]:
     ReadError, InputError
         Naming the line and the column.
     """
-    path = Path(path)
-    lines = decode_lines(path, read_bytes(path))
-    reader = csv.DictReader(lines, skipinitialspace=True)
-    heads = [head.strip() for head in reader.fieldnames or ()]
-    reader.fieldnames = heads
-    unexpected = [head for head in heads if head not in COLUMNS]
-    missing = [name for name in NEEDED if name not in heads]
-    if unexpected or missing:
-        raise InputError(
-            f"{path}, line 1: needs the columns {', '.join(NEEDED)} and takes "
-            f"{', '.join(COLUMNS[4:])}; got {', '.join(heads)[:200]}"
-        )
+    table = read_table(path, wanted_by("geometry"), None, log, kind="table of places")
     rows = []
-    for number, row in enumerate(reader, 2):
-        row = {key: (value or "").strip() for key, value in row.items() if key is not None}
+    for k, line in enumerate(table.lines):
+        row = {name: table.values[name][k] for name in TEXTS if name in table.values}
         if row["kind"] not in ("receiver", "source"):
             raise InputError(
-                f"{path}, line {number}, kind: must be receiver or source, got {row['kind']!r}"
+                f"{path}, line {line}, kind: must be receiver or source, got {row['kind']!r}"
             )
-        for key in ("x_m", "y_m", "z_m"):
-            text = row.get(key) or ("0" if key == "z_m" else "")
-            try:
-                finite = math.isfinite(float(text))
-            except ValueError:
-                finite = False
-            if not finite:
-                raise ReadError(f"{path}, line {number}, {key}: expected a number, got {text!r}")
-            row[key] = text
+        for name in ("x", "y", "z"):
+            value = float(table.values[name][k]) if name in table.values else 0.0
+            if math.isnan(value) and name != "z":
+                raise ReadError(f"{path}, line {line}, {name}: is missing, expected a number")
+            row[f"{name}_m"] = 0.0 if math.isnan(value) else value
         rows.append(row)
     return rows
 
 
-def _placed(record: FieldRecord, table: list[dict[str, str]]) -> FieldRecord:
+def _placed(record: FieldRecord, table: list[dict[str, Any]]) -> FieldRecord:
     """Return a record with the positions, lines and sensors of a geometry table."""
     if not table:
         return record
@@ -401,7 +386,7 @@ def _placed(record: FieldRecord, table: list[dict[str, str]]) -> FieldRecord:
     line, sensor = list(record.line), list(record.sensor)
     source = record.gather.source_position
     for row in table:
-        position = [float(row[key]) for key in ("x_m", "y_m", "z_m")]
+        position = [row[key] for key in ("x_m", "y_m", "z_m")]
         if row["kind"] == "source":
             if row["name"] in ("*", record.stem, record.file):
                 source = np.array(position)

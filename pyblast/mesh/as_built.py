@@ -104,23 +104,29 @@ def positions_as_built(
     -------
     tuple of Row
     """
-    rows, levels, top = [], [], np.zeros((0, 3, 3))
-    if asked is not None and positions and len(asked.layers) > 1:
+    if not positions:
+        return ()
+    at = np.array([*positions.values()], dtype=float)
+    moved, zones = _moved(mesh, at)
+    names = () if mesh.contacts is None else mesh.contacts.names
+    joints = {joint: _facets(mesh, joint)[0] for joint in names}
+    levels, top = [], np.zeros((0, 3, 3))
+    if asked is not None and len(asked.layers) > 1:
         top = _facets(mesh, "top")[0]
         levels = [
             (lower, height, _of_faces(mesh, _boundaries(mesh, upper, lower))[0])
             for upper, lower, height in _levels(asked)
         ]
-    for name, position in positions.items():
-        position = np.asarray(position, dtype=float)
-        rows += _position(mesh, name, position)
-        highest = _heights(top, position).max(initial=-np.inf)
-        for lower, height, triangles in levels:
-            cuts = _heights(triangles, position)
-            if height < highest and len(cuts):
-                built = highest - cuts[np.abs(cuts - height).argmin()]
-                quantity = f"depth of {lower} below the ground, m"
-                rows.append(Row(name, quantity, float(highest - height), float(built)))
+    rows, edges = [], edge_lengths(mesh).mean(axis=1)
+    for name, position, away, zone in zip(positions, at, moved, zones, strict=True):
+        apart = float(edges[zone]) / mesh.order
+        rows.append(Row(name, "moved, m", 0.0, float(away), OF_EDGE * apart))
+        rows.append(Row(name, "ground", None, mesh.groups[mesh.zone_group[zone]]))
+        rows += _depths(name, position, levels, top)
+        middle = mesh.points[mesh.zones[zone]].mean(axis=0)
+        for joint, triangles in joints.items():
+            side = _side_of(triangles, position, middle)
+            rows += [Row(name, f"side of {joint}, on which it lies", None, side)] if side else []
     return tuple(rows)
 
 
@@ -477,11 +483,8 @@ def _planes(mesh, planes, box, short):
     inside = ((nodes > box[:, 0] - EXACT) & (nodes < box[:, 1] + EXACT)).all(axis=1)
     offsets = np.array([plane.point @ first.normal for plane in planes])
     away = np.abs((nodes[inside] @ first.normal)[:, None] - offsets).min(axis=1)
-    worst, mean = away.max(initial=0.0), np.sqrt(np.square(away).mean()) if len(away) else 0.0
-    yield Row(name, "root mean square distance of its nodes, m", 0.0, float(mean), short)
-    # Tetrahedra bend joints to corners of others, within their own tolerance.
-    within = short if mesh.hexahedral else None
-    yield Row(name, "distance of its worst node, m", 0.0, float(worst), within)
+    worst = float(away.max(initial=0.0))
+    yield Row(name, "distance of its worst node, m", 0.0, worst, short)
     if first.spacing is not None:
         yield from _spacing(planes, offsets, triangles, short)
     if first.ends is not None:
@@ -581,23 +584,19 @@ def _nearest(positions, height, heights):
     return away.argmin(axis=1) == heights.index(height)
 
 
-def _position(mesh, name, position):
-    """Yield where a source or receiver went, in which ground, and on which side of joints."""
-    moved, zone = _moved(mesh, position[None])
-    apart = float(edge_lengths(mesh)[zone[0]].mean()) / mesh.order
-    yield Row(name, "moved, m", 0.0, float(moved[0]), OF_EDGE * apart)
-    yield Row(name, "ground", None, mesh.groups[mesh.zone_group[zone[0]]])
-    middle = mesh.points[mesh.zones[zone[0]]].mean(axis=0)
-    names = () if mesh.contacts is None else mesh.contacts.names
-    for joint in names:
-        side = _side_of(mesh, joint, position, middle)
-        if side:
-            yield Row(name, f"side of {joint}, on which it lies", None, side)
+def _depths(name, position, levels, top):
+    """Yield the depths of layers below a position."""
+    highest = _heights(top, position).max(initial=-np.inf)
+    for lower, height, triangles in levels:
+        cuts = _heights(triangles, position)
+        if height < highest and len(cuts):
+            built = highest - cuts[np.abs(cuts - height).argmin()]
+            quantity = f"depth of {lower} below the ground, m"
+            yield Row(name, quantity, float(highest - height), float(built))
 
 
-def _side_of(mesh, joint, position, middle):
-    """Return on which side of a joint through a position a point lies; empty if none is there."""
-    triangles = _facets(mesh, joint)[0]
+def _side_of(triangles, position, middle):
+    """Return on which side of a joint through a position a point lies; empty if none is near."""
     low, high = triangles.min(axis=1) - EXACT, triangles.max(axis=1) + EXACT
     for triangle in triangles[((position >= low) & (position <= high)).all(axis=1)]:
         normal = _vectors(triangle[None])[0]

@@ -300,6 +300,7 @@ def rock_cells(
     cells = box_cells(low, high, SIDES)
     tolerances = np.asarray(tolerances)
     rock = _Rock(cells, np.asarray(limits), np.zeros(len(tolerances)), [])
+    box = np.column_stack([box[:, 0], [*box[:2, 1], high[2]]])  # with the ground above its top
     _cut_regions(rock, box, margin)
     rock.tolerances = tolerances
     spacings = [joints.spacing for joints, _ in joint_sets]

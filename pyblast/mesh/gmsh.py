@@ -206,7 +206,6 @@ def _cross(a, b):
 
 _FRONTAL_QUADS, _QUADRILATERAL = 8, 3  # algorithm and kind of element of gmsh
 _HALVED = 1.5  # size of triangles whose parts have at most a wanted edge
-_WIDEST = 1.15  # edge of mapped faces of a section, over the wanted one
 _DELAUNAY, _HXT = 1, 10  # algorithms of gmsh; HXT is several times as fast
 _THINNEST = 1e-6  # of a zone with a volume; HXT leaves flat ones at times, not all repaired
 _MANY = 50_000  # triangles on the faces of blocks from which on HXT is tried first
@@ -529,7 +528,7 @@ def _map_faces(gmsh, edge):
     ends = np.array([[numbers[c] for c in pair] for pair in pairs], dtype=int).reshape(-1, 2)
     graph = coo_array((np.ones(len(ends)), ends.T), shape=(len(curves), len(curves)))
     label = connected_components(graph, directed=False)[1]
-    steps = np.ceil(np.array(list(curves.values())) / (_WIDEST * edge) - 0.05)
+    steps = np.ceil(np.array(list(curves.values())) / edge - 0.05)
     most = np.ones(label.max() + 1)
     np.maximum.at(most, label, steps)
     whole = len(faces) == len(every)

@@ -142,6 +142,14 @@ def node_weights(order: int) -> np.ndarray:
     return np.einsum("k,j,i->kji", w, w, w).ravel()
 
 
+def corner_neighbours(zones: np.ndarray) -> np.ndarray:
+    """Return each corner of hexahedra (n, 8) with its three neighbours, right-handed, (8 n, 4)."""
+    table = np.array([[c, c ^ 1, c ^ 2, c ^ 4] for c in range(8)])
+    odd = np.array([c.bit_count() % 2 == 1 for c in range(8)])
+    table[odd] = table[odd][:, [0, 2, 1, 3]]
+    return zones[:, table].reshape(-1, 4)
+
+
 def face_vectors(points: np.ndarray, faces: np.ndarray) -> np.ndarray:
     """Return the area vectors (n, 3) in m2 of quadrilaterals (n, 4)."""
     a, b, c, d = (points[faces[:, k]] for k in range(4))

@@ -1,4 +1,4 @@
-"""Import of tetrahedral meshes from other programs, in known formats through meshio."""
+"""Import of tetrahedral meshes from other programs: gmsh, and known formats through meshio."""
 
 import contextlib
 import io
@@ -9,15 +9,17 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import InputError, ReadError
+from ..readers.provenance import ReadLog
 from ..units import check_length
 from . import tetrahedra
-from .faces import face_keys, zone_faces
+from .faces import face_keys, face_vectors, zone_faces
 from .mesh import Mesh
+from .mesh_files import DIMENSION, TETRAHEDRON, TRIANGLE, read_gmsh, read_med
 from .quality import validate
 
-# By suffix: meshio's name of the format, and bytes required near the beginning of the file.
+# By suffix: name of the format, and bytes required near the beginning of the file.
 _FORMATS = {
-    ".msh": ("gmsh", b"$MeshFormat"),
+    ".msh": ("gmsh", b"$"),
     ".vtu": ("vtu", b"<VTKFile"),
     ".inp": ("abaqus", b"*"),
     ".med": ("med", b"\x89HDF"),
@@ -30,19 +32,24 @@ _IGNORED = ("vertex", "line")
 
 
 def read_mesh(
-    path: str | Path, groups: dict[str, str] | None = None, joints: Sequence[str] | None = None
+    path: str | Path,
+    groups: dict[str, str] | None = None,
+    joints: Sequence[str] | None = None,
+    log: ReadLog | None = None,
 ) -> Mesh:
     """Read a tetrahedral mesh with tagged volumes and surfaces.
 
     Parameters
     ----------
     path : str or Path
-        Gmsh 2 or 4 (.msh), .vtu, Abaqus .inp, .med or .xdmf.
+        Gmsh of any version, text or binary (.msh), .vtu, Abaqus .inp, .med or .xdmf.
     groups : dict of str to str
         Names (or numbers) of tagged volumes in the file to names of groups; other volumes keep
         their name, numbers become ``group_<number>``.
     joints : sequence of str
         Surfaces that will be split; they must be internal.
+    log : ReadLog, optional
+        Takes what was read.
 
     Returns
     -------
@@ -54,29 +61,45 @@ def read_mesh(
     ReadError
         If the file is missing, of another format, or broken.
     InputError
-        If the mesh is wider than 50 km, as one in millimetres is; has degenerate, inverted or
-        duplicate zones; is disconnected, non-manifold or untagged; or a name is unknown.
+        If the mesh is wider than 50 km, as one in millimetres is; has degenerate, folded or
+        duplicate zones, or zones in two groups; is disconnected, non-manifold or untagged; or a
+        name is unknown.
+
+    Notes
+    -----
+    Zones may be written in either order of their nodes; those of negative volume are turned. A
+    facet may be in several groups.
 
     Examples
     --------
     >>> mesh = read_mesh("pit.msh", groups={"1": "rock"}, joints=["F1"])  # doctest: +SKIP
     """
     path = Path(path)
-    raw = _read(path, _file_format(path))
-    points = np.asarray(raw.points, dtype=float)
+    name = _file_format(path)
+    entry = (ReadLog() if log is None else log).file(path, name)
+    if name in _READERS:
+        points, (zones, group_names), (triangles, surface_names) = _grouped(path, name, entry)
+    else:
+        raw = _read(path, name)
+        points = np.asarray(raw.points, dtype=float)
+        triangles, surface_names = _tagged_cells(path, raw, "triangle", 3)
+        zones, group_names = _tagged_cells(path, raw, "tetra", 4)
     if points.ndim != 2 or points.shape[1] != 3 or not np.isfinite(points).all():
         raise ReadError(f"{path}: points must be finite and have three coordinates")
-    triangles, surface_names = _tagged_cells(path, raw, "triangle", 3)
-    zones, group_names = _tagged_cells(path, raw, "tetra", 4)
     if not len(zones):
         raise ReadError(f"{path}: holds no tetrahedra with 4 nodes")
     try:
-        mesh = _assemble(points, zones, group_names, triangles, surface_names, groups or {})
+        mesh = _assemble(points, zones, group_names, triangles, surface_names, groups or {}, entry)
         validate(mesh)
+        _refuse_overlapping(mesh)
         check_length("mesh", float(np.ptp(mesh.points, axis=0).max()))
         _refuse_outer(mesh, joints or ())
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
+    for number, group in enumerate(mesh.groups):
+        entry.column("zones", f"volume {group}", "m", rows=(mesh.zone_group == number).sum())
+    for surface, facets in mesh.surfaces.items():
+        entry.column("facets", f"surface {surface}", "m", rows=len(facets))
     return mesh
 
 
@@ -123,6 +146,42 @@ def _read(path, name):
     except (Exception, SystemExit) as error:
         reason = type(error).__name__ if not str(error) else str(error).splitlines()[0][:120]
         raise ReadError(f"{path}: broken or no {name} mesh ({reason})") from None
+
+
+_READERS = {"gmsh": read_gmsh, "med": read_med}
+
+
+def _grouped(path, name, entry):
+    """Return points, and zones and triangles with their names, of a file with groups of cells."""
+    file = _READERS[name](path)
+    parts: dict[int, list] = {TRIANGLE: [], TETRAHEDRON: []}
+    for kind, rows, names in file.blocks:
+        if kind not in DIMENSION:
+            raise ReadError(
+                f"{path}: holds {name} cells of type {kind}; only tetrahedra with 4 nodes and "
+                "triangles with 3 are read, so write the mesh in first order"
+            )
+        if kind == TETRAHEDRON and len(set(names)) > 1:
+            raise InputError(f"{path}: {len(rows)} zones are in the groups {' and '.join(names)}; "
+                             "give every volume one group")  # fmt: skip
+        if kind in parts:
+            parts[kind] += [(rows, called) for called in names or [""]]
+    for names, count in file.unused.values():
+        if names and len(names) == count:
+            raise ReadError(
+                f"{path}: names {', '.join(names[:6])} but tags no cell with any of them; write "
+                "the mesh without Mesh.SaveAll, or leave the names out"
+            )
+        for called in names:
+            entry.dropped(f"name {called!r}", "the file names it, but tags no cell with it")
+    return file.points, _named(parts[TETRAHEDRON], 4), _named(parts[TRIANGLE], 3)
+
+
+def _named(parts, width):
+    """Return cells (n, width) and their names (n,)."""
+    cells = np.concatenate([np.empty((0, width), dtype=np.int64), *(rows for rows, _ in parts)])
+    names = [np.full(len(rows), name, dtype=object) for rows, name in parts]
+    return cells, np.concatenate([np.empty(0, dtype=object), *names])
 
 
 def _tagged_cells(path, raw, kind, width):
@@ -172,13 +231,10 @@ def _tag_name(raw, tag, dimension, prefix):
     for name, value in raw.field_data.items():
         if len(value) == 2 and tuple(value) == (tag, dimension):
             return name
-    families = getattr(raw, "cell_tags", {})
-    if families.get(tag):
-        return str(families[tag][0])
     return f"{prefix}_{abs(tag)}"
 
 
-def _assemble(points, zones, group_names, triangles, surface_names, groups):
+def _assemble(points, zones, group_names, triangles, surface_names, groups, entry):
     """Return the mesh of tagged cells, without unused nodes."""
     named = np.unique(group_names[group_names != ""]).tolist()
     renamed = _renamed(named, groups)
@@ -201,9 +257,40 @@ def _assemble(points, zones, group_names, triangles, surface_names, groups):
     }
     zones = row[zones]
     points = points[used]
-    if (tetrahedra.volumes(points, zones) < 0.0).all():
-        zones = zones[:, [0, 2, 1, 3]]
+    turned = tetrahedra.volumes(points, zones) < 0.0
+    if turned.any() and not turned.all():
+        entry.remark(f"{np.count_nonzero(turned)} of {len(zones)} zones were turned right-handed")
+    zones[turned] = zones[turned][:, [0, 2, 1, 3]]
+    _refuse_two_groups(zones, zone_group, names)
     return Mesh(points, zones, np.array(zone_group), tuple(names), surfaces)
+
+
+def _refuse_two_groups(zones, zone_group, names):
+    """Raise InputError for a zone that stands in the file once for each of two groups."""
+    order = np.lexsort(np.sort(zones, axis=1).T)
+    ordered = np.sort(zones, axis=1)[order]
+    same = (ordered[1:] == ordered[:-1]).all(axis=1)
+    group = np.asarray(zone_group)[order]
+    both = np.flatnonzero(same & (group[1:] != group[:-1]))
+    if len(both):
+        pair = sorted(names[group[both[0] + k]] for k in (0, 1))
+        raise InputError(
+            f"{len(both)} zones are in the groups {' and '.join(pair)}; give every volume one group"
+        )
+
+
+def _refuse_overlapping(mesh):
+    """Raise InputError where two zones lie on the same side of the face that they share."""
+    first, second, _, _ = mesh.paired_faces
+    faces = zone_faces(mesh.zones)
+    plus, minus = (face_vectors(mesh.points, faces[side]) for side in (first, second))
+    folded = np.einsum("ni,ni->n", plus, minus) > 0.0
+    if folded.any():
+        x, y, z = mesh.points[faces[first[np.argmax(folded)]]].mean(axis=0)
+        raise InputError(
+            f"{np.count_nonzero(folded)} pairs of zones lie on the same side of a face that they "
+            f"share, the first at ({x:g}, {y:g}, {z:g}); the mesh is folded there, repair it"
+        )
 
 
 def _renamed(named, groups):

@@ -453,6 +453,20 @@ def surface_faces(mesh: Mesh, name: str) -> np.ndarray:
     return mesh.surface_places[name]
 
 
+def inner_facets(mesh: Mesh, name: str) -> tuple[np.ndarray, np.ndarray]:
+    """Return which facets (n,) of a surface lie between two zones, and the zones (k, 2) of these.
+
+    Facets of a joint that was split lie between contacts, not between zones.
+    """
+    first, second, _, _ = mesh.paired_faces
+    faces = surface_faces(mesh, name)
+    order = np.argsort(first)
+    at = np.minimum(np.searchsorted(first[order], faces), max(len(first) - 1, 0))
+    inner = first[order][at] == faces if len(first) else np.zeros(len(faces), dtype=bool)
+    pairs = np.stack([first[order][at[inner]], second[order][at[inner]]], axis=1)
+    return inner, zone_of_face(mesh.zones, pairs)[0]
+
+
 def surface_zones(mesh: Mesh, name: str) -> np.ndarray:
     """Return the zone (n,) behind each face of a surface; for joints, of the minus side."""
     return zone_of_face(mesh.zones, surface_faces(mesh, name))[0]

@@ -7,6 +7,7 @@ from itertools import combinations
 import numpy as np
 
 from ..errors import InputError
+from ..mesh.mesh import Mesh, inner_facets
 from ..signals.seismogram import GEOGRAPHIC, Seismogram
 from .material import Material
 
@@ -100,6 +101,53 @@ class FreeField:
 
 
 @dataclass(frozen=True, eq=False)
+class WaveFronts:
+    """Wave fronts of holes on a face: amplitude and delay of a seismogram at each point.
+
+    Parameters
+    ----------
+    positions : (n_holes, 3) float64, m
+    times, scales : (n_holes,) float64, s and -
+        Firing times, and scales relative to the hole of the seismogram.
+    distance : float, m
+        At which the seismogram holds.
+    exponent : float
+        Amplitudes fall as ``(distance/r)^exponent``.
+    speed : float, m/s
+        Delays are ``time + (r - distance)/speed``.
+    axis : (3,) float64, unit, horizontal
+        Path of the seismogram; its horizontal motion is turned into the path of each point.
+
+    Notes
+    -----
+    theory.md (5.18).
+    """
+
+    positions: np.ndarray
+    times: np.ndarray
+    scales: np.ndarray
+    distance: float
+    exponent: float
+    speed: float
+    axis: np.ndarray
+
+    def at(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return amplitudes, delays in s, both (n_holes, n), and rotations (n_holes, n, 3, 3)."""
+        path = np.asarray(points)[None] - self.positions[:, None]
+        away = np.linalg.norm(path, axis=2)
+        amplitude = self.scales[:, None] * (self.distance / away) ** self.exponent
+        delay = self.times[:, None] + (away - self.distance) / self.speed
+        flat = path[..., :2] / np.maximum(np.linalg.norm(path[..., :2], axis=2), 1e-9)[..., None]
+        cosine = flat @ self.axis[:2]
+        sine = self.axis[0] * flat[..., 1] - self.axis[1] * flat[..., 0]
+        turn = np.zeros((*away.shape, 3, 3))
+        turn[..., 0, 0] = turn[..., 1, 1] = cosine
+        turn[..., 0, 1], turn[..., 1, 0] = -sine, sine
+        turn[..., 2, 2] = 1.0
+        return amplitude, delay, turn
+
+
+@dataclass(frozen=True, eq=False)
 class StressInput:
     """Stress input: traction on a surface from the particle velocity of the incident wave.
 
@@ -111,6 +159,8 @@ class StressInput:
     doubled : bool or None
         Traction ``2 rho c v`` instead of ``rho c v``, because the dashpots of the same surface
         absorb one half. None: doubled if the surface is also viscous.
+    fronts : WaveFronts, optional
+        Of the holes whose single seismogram is given; without, it enters alike everywhere.
 
     Notes
     -----
@@ -120,6 +170,7 @@ class StressInput:
     surface: str
     seismogram: Seismogram
     doubled: bool | None = None
+    fronts: WaveFronts | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,15 +193,15 @@ class VelocityInput:
 Boundary = Viscous | Roller | Fixed | FreeField | StressInput | VelocityInput
 
 
-def check_boundaries(boundaries: Sequence[Boundary], surfaces: dict[str, np.ndarray]) -> None:
-    """Raise InputError for boundaries on unknown surfaces and for incompatible boundaries.
+def check_boundaries(boundaries: Sequence[Boundary], mesh: Mesh) -> None:
+    """Raise InputError for boundaries on unknown or inner surfaces, and for incompatible ones.
 
     Parameters
     ----------
     boundaries : sequence of boundary conditions
-    surfaces : dict of str to (n, 3) int
-        Triangles.
+    mesh : Mesh
     """
+    surfaces = mesh.surfaces
     viscous = {b.surface for b in boundaries if isinstance(b, Viscous)}
     for boundary in boundaries:
         kind, surface = type(boundary).__name__, boundary.surface
@@ -158,6 +209,7 @@ def check_boundaries(boundaries: Sequence[Boundary], surfaces: dict[str, np.ndar
             raise InputError(
                 f"boundaries.{surface}: no such surface; there are {', '.join(surfaces)}"
             )
+        _refuse_inner(surface, mesh)
         if isinstance(boundary, VelocityInput) and surface in viscous:
             raise InputError(
                 f"boundaries.{surface}: a velocity can't be prescribed on a viscous surface: its "
@@ -180,6 +232,18 @@ def check_boundaries(boundaries: Sequence[Boundary], surfaces: dict[str, np.ndar
                 "which would have to follow two velocities; give both surfaces the same seismogram "
                 "or one of them no velocity"
             )
+
+
+def _refuse_inner(surface, mesh):
+    """Raise InputError for a boundary on a joint, or on facets between two zones."""
+    if mesh.contacts is not None and surface in mesh.contacts.names:
+        raise InputError(f"boundaries.{surface}: is a joint; only outer sides take a condition")
+    inner, _ = inner_facets(mesh, surface)
+    if inner.any():
+        raise InputError(
+            f"boundaries.{surface}: {np.count_nonzero(inner)} of its {len(inner)} facets lie "
+            "between two zones; only outer sides absorb, are held or are moved"
+        )
 
 
 def _equal(first, second):

@@ -11,7 +11,10 @@ from numpy.typing import ArrayLike
 
 from ..errors import InputError, ReadError
 from ..mesh.grid import Fault, upward_normal
+from ..readers.cells import wanted_by
 from ..readers.geometry import read_content, read_faces
+from ..readers.provenance import ReadLog
+from ..readers.tables import read_table
 
 MOST_FRACTURES = 500
 SIDES = 12  # of the polygon that stands for a disc
@@ -307,8 +310,9 @@ def terminated(fractures: Sequence[Fault], at: Sequence[Fault]) -> list[Fault]:
 
 
 def read_fractures(
-    path: str | Path, name: str, *, box: ArrayLike | None = None, unit: str | None = None
-) -> list[Fault]:
+    path: str | Path, name: str, *, box: ArrayLike | None = None, unit: str | None = None,
+    log: ReadLog | None = None,
+) -> list[Fault]:  # fmt: skip
     """Read mapped fractures by the suffix of their file.
 
     Parameters
@@ -325,6 +329,8 @@ def read_fractures(
         Of the ground, with which the unit of a drawing is compared.
     unit : str, optional
         Of a drawing, in the place of what its header says.
+    log : ReadLog, optional
+        Takes what was read.
 
     Raises
     ------
@@ -336,49 +342,44 @@ def read_fractures(
     path = Path(path)
     if path.suffix.lower() == ".dxf":
         return [polygon(name, corners) for corners in read_faces(path, box=box, unit=unit)]
-    text = read_content(path).decode("utf-8", errors="replace")
     if path.suffix.lower() == ".fab":
+        text = read_content(path).decode("utf-8", errors="replace")
         return [polygon(name, corners) for corners in _fab(path.name, text)]
-    lines = text.strip().splitlines()
-    head = lines[0].replace(" ", "") if lines else ""
-    discs = "x_m,y_m,z_m,dip_deg,dip_direction_deg,radius_m"
-    if head not in (discs, "fracture,x_m,y_m,z_m"):
-        raise ReadError(f"{path.name}, line 1: must be {discs} or fracture,x_m,y_m,z_m")
-    rows = []
-    for number, line in enumerate(lines[1:], start=2):
-        words = line.split(",")
-        try:
-            rows.append((words[0].strip(), [float(word) for word in words[head[0] == "f" :]]))
-        except ValueError:
-            rows.append(("", []))
-        if len(rows[-1][1]) != (6 if head == discs else 3):
-            raise ReadError(f"{path.name}, line {number}: needs the numbers {head}, got {line!r}")
-    return _discs(path.name, name, rows) if head == discs else _polygons(name, rows)
+    table = read_table(path, wanted_by("fractures"), log=log, kind="table of fractures")
+    missing = {key: np.isnan(v) for key, v in table.values.items() if key != "fracture"}
+    for key, absent in missing.items():
+        if absent.any():
+            line = table.lines[int(absent.argmax())]
+            raise ReadError(f"{path.name}, line {line}: {key} is missing, expected a number")
+    places = np.column_stack([table.values[axis] for axis in "xyz"])
+    if {"dip", "dip_direction", "radius"} <= set(table.values):
+        return _discs(table, name, places)
+    if "fracture" not in table.values:
+        raise ReadError(
+            f"{path.name}: needs beside x_m,y_m,z_m the columns dip_deg,dip_direction_deg,radius_m "
+            "of discs, or a column fracture that names the polygon of each corner"
+        )
+    parts: dict[str, list] = {}
+    for label, corner in zip(table.values["fracture"], places, strict=True):
+        parts.setdefault(label, []).append(corner)
+    return [polygon(f"{name}, fracture {label}", part) for label, part in parts.items()]
 
 
-def _discs(file, name, rows):
+def _discs(table, name, middles):
     """Return the fractures of a table of discs."""
-    values = np.array([numbers for _, numbers in rows]).reshape(-1, 6)
-    bad = ~((values[:, 3] >= 0.0) & (values[:, 3] <= 90.0) & (values[:, 5] > 0.0))
+    dip, azimuth, radius = (table.values[key] for key in ("dip", "dip_direction", "radius"))
+    bad = ~((dip >= 0.0) & (dip <= np.pi / 2.0 + 1e-9) & (radius > 0.0))
     if bad.any():
         raise ReadError(
-            f"{file}, line {np.flatnonzero(bad)[0] + 2}: dip_deg must lie between 0 and 90 and "
-            "radius_m be positive"
+            f"{table.where}, line {table.lines[int(bad.argmax())]}: dip_deg must lie between 0 and "
+            "90 and radius_m be positive"
         )
-    normals = np.array([upward_normal(*np.radians(row[3:5])) for row in values]).reshape(-1, 3)
-    corners = disc_corners(values[:, :3], normals, values[:, 5])
+    normals = np.array([upward_normal(*each) for each in zip(dip, azimuth, strict=True)])
+    corners = disc_corners(middles, normals, radius)
     return [
         Fault(name, point=tuple(middle), normal=tuple(normal), polygon=polygon_corners)
-        for middle, normal, polygon_corners in zip(values[:, :3], normals, corners, strict=True)
+        for middle, normal, polygon_corners in zip(middles, normals, corners, strict=True)
     ]
-
-
-def _polygons(name, rows):
-    """Return the fractures of a table of corners."""
-    parts: dict[str, list] = {}
-    for label, numbers in rows:
-        parts.setdefault(label, []).append(numbers)
-    return [polygon(f"{name}, fracture {label}", part) for label, part in parts.items()]
 
 
 def _fab(file, text):

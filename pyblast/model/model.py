@@ -174,7 +174,7 @@ class Model:
             object.__setattr__(self, name, tuple(getattr(self, name)))
         self._check_materials()
         self._check_joints()
-        check_boundaries(self.boundaries, self.mesh.surfaces)
+        check_boundaries(self.boundaries, self.mesh)
         if len({r.name for r in self.receivers}) < len(self.receivers):
             raise InputError("receivers: two receivers have the same name; rename one")
         if not 0.0 < self.step_factor <= 1.0:

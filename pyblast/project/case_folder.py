@@ -4,16 +4,15 @@ import tomllib
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 from pydantic import Field, ValidationError
 
 from ..blasts.hole_tables import read_blast
 from ..config.config import check_config
-from ..config.section import Name, Section, Span, sentence_of
+from ..config.section import Name, Section, Span, read_time_function, sentence_of
 from ..errors import InputError, ReadError, named_error
 from ..model.joint import Joint
 from ..model.material import Material
-from ..model.source import TimeFunction
+from ..readers.tables import Rules
 from ..recordings.recording import read_stations
 from .flat_box import (
     OUTER,
@@ -388,12 +387,7 @@ def _fault(joint, box):
 
 
 def _moment_rate(path):
-    """Read the source table."""
-    try:
-        times, rate = np.loadtxt(path, delimiter=",", skiprows=1, unpack=True)
-    except (OSError, ValueError) as error:
-        raise ReadError(f"{path}: needs two columns, time and moment rate ({error})") from None
-    steps = np.diff(times)
-    if len(times) < 4 or not np.allclose(steps, steps[0], rtol=1e-3):
-        raise ReadError(f"{path}: times must be evenly spaced, at least four of them")
-    return TimeFunction(rate, float(np.mean(steps)), float(times[0]))
+    """Read the source table below its title line."""
+    columns = {"time": (1, "s"), "moment_rate_per_kg": (2, "Nm_per_s")}
+    rules = Rules(columns, {"delimiter": ",", "header": False, "skip_lines": 1})
+    return read_time_function(path, "moment_rate_per_kg", rules=rules)

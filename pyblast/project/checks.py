@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..blasts.blast import ANFO_DENSITY
+from ..blasts.blast import ANFO_DENSITY, Firing
 from ..errors import Finding, by_wave
 from ..mesh import quality
 from ..mesh.as_built import Row
@@ -13,6 +13,7 @@ from ..mesh.mesh import edge_lengths, surface_zones
 from ..model.boundary import Roller, Viscous
 from ..signals.spectra import highest_frequency
 from ..solver.initial_stress import joint_pressures
+from ..solver.moment_density import near_receivers
 from ..units import plain_number
 from . import checks_ground
 from .checks_ground import ModelSummary, boundary_defects, summarise_model
@@ -27,10 +28,10 @@ from .level import (
     unlikely_values,
 )
 from .places import (
-    edges_near_receivers,
     face_distance,
     face_materials,
     source_material,
+    source_names,
 )
 from .surface import ground_notes
 from .validity import band_finding, band_of
@@ -135,17 +136,18 @@ def ground_as_built(rows):
 
 
 def _mesh_defects(project, summary):
-    """D1, D2, D5, D12, D26, D30: zones, size, boundaries, layers, units, memory."""
+    """D1, D2, D5, D12, D26, D30, D38: zones, size, boundaries, layers, units, memory, sources."""
     yield checks_ground.beyond_memory(summary.memory, quality.available())
     times = () if project.blast is None else project.blast.times
     yield unlikely_values(project.materials, project.joints, project.config, times)
     band, centre = input_band(project), central_frequency(project)
-    near = edges_near_receivers(project, band)
     for group in summary.groups:
         yield coarse_zones(
             group.name, project.model.materials[group.name], group.mean_edge, group.volume, band,
-            near.get(group.name, {}), project.model.edges_per_wavelength,
+            project.model.edges_per_wavelength,
         )  # fmt: skip
+    names = source_names(project.model.sources, project.blast)
+    yield checks_ground.near_source(near_receivers(project.model), names)
     points = project.mesh.points
     rocks = _stiff(project, summary)
     yield checks_ground.short_model(float(np.ptp(points[:, 0])), rocks, centre)
@@ -197,9 +199,12 @@ def _face_defects(project, band):
     yield comb_return(firing, central_frequency(project), motion.low_passed)
     name, material = source_material(project)
     yield layered_face(config.input.face, face_materials(project))
-    yield yielding_rock(project.signature.pvs, firing, name, material)
+    peak = project.signature.pvs
+    if config.input.decay_exponent is not None:  # no two holes are equally near
+        peak, firing = motion.superposed.pvs, Firing(np.zeros(1), np.ones(1))
+    yield yielding_rock(peak, firing, name, material)
     distance, reach = face_distance(project)
-    if distance is not None:
+    if distance is not None and config.input.decay_exponent is None:
         yield plane_load(distance, reach, material, band)
     if project.blast is not None:
         points = project.mesh.points
@@ -254,43 +259,32 @@ def _record_defects(project, summary):
 TET_VOLUME = 1.0 / (6.0 * math.sqrt(2.0))
 
 
-def coarse_zones(name, material, edge, volume, band, near, per_wave=10.0):
+def coarse_zones(name, material, edge, volume, band, per_wave=10.0):
     """D1: a material whose zones do not carry the band of the input; None where they do.
 
     Whether a receiver suffers by it says finding D40.
 
     Parameters
     ----------
-    near : dict of str to float
-        Mean edge in m within one S wavelength of each receiver on the material. Where these carry
-        the band, zones elsewhere are no failure.
     per_wave : float
         Edges that a wavelength needs: 3 where zones have 15 nodes.
     """
     carried = material.cs / (per_wave * edge)
     needed = material.cs / (per_wave * band)
-    coarse = [receiver for receiver, short in near.items() if short > needed]
     if carried >= band:
         return None
     zones = [volume / (TET_VOLUME * size**3) for size in (edge, needed)]
-    graded = bool(near) and not coarse
-    stand = "stands" if len(near) == 1 else "stand"
-    on_it = f", and {', '.join(near)} {stand} on it" if near else ""
-    around = (
-        f"; around {', '.join(near)} the zones are short enough, farther away waves in "
-        f"'{name}' above {carried:.3g} Hz are not to be trusted"
-    )
     digits = 5 if f"{carried:.3g}" == f"{band:.3g}" else 3
     return Finding(
         "D1",
         f"The mesh of '{name}' does not carry the input",
         f"{edge:.{digits}g} m edges carry {carried:.{digits}g} Hz in '{name}' "
         f"({1.25 * carried:.3g} Hz with {0.8 * per_wave:.2g} edges per wavelength), the input has "
-        f"{band:.{digits}g} Hz{on_it}; edges must be at most {needed:.{digits}g} m, which makes "
-        f"{plain_number(zones[1] / zones[0], 2)} times as many zones{around if graded else ''}.",
+        f"{band:.{digits}g} Hz: farther waves above {carried:.{digits}g} Hz are not to be trusted "
+        f"there. Edges of at most {needed:.{digits}g} m make "
+        f"{plain_number(zones[1] / zones[0], 2)} times as many zones.",
         numbers={"carried": carried, "carried_8": 1.25 * carried, "needed_edge": needed,
-         "zones_now": zones[0], "zones_needed": zones[1]}
-        | {f"edge_at_{receiver}": short for receiver, short in near.items()},
+                 "zones_now": zones[0], "zones_needed": zones[1]},
     )  # fmt: skip
 
 

@@ -20,6 +20,7 @@ from .ground import set_normal, set_stiffness
 from .places import face_materials
 
 LITTLE, MISMATCH = 0.7, 0.1
+MOST_NAMED = 4  # receivers in one sentence
 _PAIRS = ((0, 0), (1, 1), (2, 2), (1, 2), (2, 0), (0, 1))
 
 
@@ -498,3 +499,36 @@ def _mean_normal(mesh, surface):
     """Return the mean outward normal (3,) of a surface."""
     _, area, normal = surface_areas(mesh, surface)
     return area @ normal / np.linalg.norm(area @ normal)
+
+
+def near_source(rows, names):
+    """D38: receivers so near to a source that the mesh makes an error; None where there is none.
+
+    Parameters
+    ----------
+    rows : sequence of NearReceiver
+    names : sequence of str
+        Of all sources of the model.
+    """
+    if not rows:
+        return None
+    texts = []
+    for row in sorted(rows, key=lambda row: -row.error)[:MOST_NAMED]:
+        texts.append(
+            f"'{row.receiver}' stands {row.distance:.3g} m from {names[row.source]}, "
+            f"{row.distance / row.edge:.2g} of the edge of {row.edge:.3g} m there: error up to "
+            f"{100 * row.error:.2g} %; edges of {row.edge_needed:.3g} m, {row.work:.2g} times the "
+            "work if taken throughout, bring it to about 1 %"
+        )
+    more = len(rows) - len(texts)
+    rest = f"; {more} more" if more > 0 else ""
+    untrusted = sum(not row.trusted for row in rows)
+    count = (
+        f" Above 20 % at {untrusted} of {len(rows)}: these count in no fit." if untrusted else ""
+    )
+    return Finding(
+        "D38",
+        "Receivers stand near a source",
+        f"{'; '.join(texts)}{rest}. Inside of the sphere of a source motion is too small.{count}",
+        numbers={"error": max(row.error for row in rows), "untrusted": float(untrusted)},
+    )

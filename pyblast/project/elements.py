@@ -1,13 +1,13 @@
 """Choice of the elements of a project: spectral hexahedra where the ground allows it."""
 
 from dataclasses import dataclass, replace
-from itertools import pairwise, product
+from itertools import chain, pairwise
 
 import numpy as np
 
 from ..errors import InputError, named_error
 from ..mesh.as_built import Row, as_built
-from ..mesh.hexahedral import mapped, swept
+from ..mesh.hexahedral import mapped, subdivided, swept
 from ..mesh.hexahedral.mapped import NotMapped
 from ..mesh.mesh import Mesh, edge_lengths
 from ..mesh.quality import explicit_work
@@ -15,7 +15,8 @@ from ..model.material import ConstantQ
 from .ground import make_geometry, make_mesh, mean_edge
 from .surface import make_fractures
 
-ORDERS = (5, 3, 2, 4)  # tried, the first alone in a plain grid; a node costs the same in all
+ORDER = 5  # in a plain grid
+ORDERS = (3, 4)  # tried first elsewhere; a node and step costs about the same in all
 BUILDERS = {"between the planes": mapped.build, "swept along one direction": swept.build}
 # Nodes per shortest S wavelength for an error of 1 % over three wavelengths, by order; the error
 # falls with the power below of their number: docs/quality/performance.md.
@@ -88,7 +89,7 @@ def make_ground(project) -> Ground:
     config, materials = project.config, project.materials
     kind = config.mesh.kind
     if config.mesh.file is not None:
-        mesh = make_mesh(config.mesh, materials, project.folder)
+        mesh = make_mesh(config.mesh, materials, project.folder, log=project.log)
         return Ground(mesh, "tetrahedra: the mesh is read from a file", as_built(mesh, None))
     asked, wave = make_geometry(config, project.surface), shortest_wave(config, materials)
     obstacle = None if kind == "tetrahedra" else _obstacle(config, materials)
@@ -110,7 +111,7 @@ def _tetrahedra(project, asked, wave, reason):
     """Return a ground of tetrahedra, cut more sharply where the first cut bends planes."""
     config, materials, folder = project.config, project.materials, project.folder
     parts = _with_edges(config, materials)
-    asked = replace(asked, faults=(*asked.faults, *make_fractures(parts, folder)))
+    asked = replace(asked, faults=(*asked.faults, *make_fractures(parts, folder, project.log)))
     sharp = SHARP * wave / TETRAHEDRA[parts.quadratic]
     given = parts.tolerance_m is not None or parts.grid_cells is not None
     wrong = ""
@@ -262,8 +263,6 @@ def _obstacle(config, materials):
         return "the mesh is read from a file"
     if mesh.fractures:
         return "fractures of limited extent are cut into the blocks of tetrahedra"
-    if mesh.benches:
-        return "benches are cut into the blocks of tetrahedra"
     if mesh.grid_cells is not None:
         return "mesh.grid_cells divides the box into tetrahedra"
     if mesh.refinements:
@@ -306,37 +305,58 @@ def _frequency(config):
 
 
 def _hexahedra(config, materials, geometry, wave, reach):
-    """Return a ground of hexahedra: of builders and orders that serve, that of the least work."""
-    orders = (config.mesh.order,) if config.mesh.order else ORDERS
-    builders = BUILDERS
-    if mapped.is_plain(geometry):
-        orders, builders = orders[:1], {"in a plain grid": mapped.build}
-    meshes, reasons = [], []
-    for order, (how, build) in product(orders, builders.items()):
+    """Return a ground of hexahedra: the first as asked for, of builders and orders by work.
+
+    Tetrahedra are cut into hexahedra where no other serves, then once more with half the edges.
+    """
+    order, reasons = config.mesh.order, {}
+
+    def meshes(order, builders, factor=1.0):
         sizes = [
-            _size(config, part, materials[part.material], order, reach)
+            factor * _size(config, part, materials[part.material], order, reach)
             for part in config.mesh.layers
         ]
-        try:
-            with named_error("mesh"):
-                mesh = build(geometry, sizes, order)
-        except NotMapped as reason:
-            reasons.append(str(reason).removeprefix("mesh: "))
-            continue
-        meshes.append((explicit_work(mesh), how, mesh))
-    meshes = [each for each in meshes if np.isfinite(each[0])]
-    if not meshes:
-        raise NotMapped("; ".join(dict.fromkeys(reasons)) or "its hexahedra would be inverted")
-    wrong = ""
-    for _, how, mesh in sorted(meshes, key=lambda each: each[0]):
+        for how, build in builders.items():
+            try:
+                with named_error("mesh"):
+                    mesh = build(geometry, sizes, order)
+            except NotMapped as reason:
+                reasons.setdefault(str(reason).removeprefix("mesh: "))
+                continue
+            work = explicit_work(mesh)
+            if np.isfinite(work):
+                yield work, how, mesh
+
+    if mapped.is_plain(geometry):
+        trials = [*meshes(order or ORDER, {"in a plain grid": mapped.build})]
+    elif order:
+        trials = [*meshes(order, BUILDERS)]
+    else:
+        trials = [each for first in ORDERS for each in meshes(first, BUILDERS)]
+        if trials:  # the work has one minimum over the orders
+            best = min(trials, key=lambda each: each[0])[2].order
+            trials += meshes(best + (1 if best == max(ORDERS) else -1), BUILDERS)
+    trials.sort(key=lambda each: each[0])
+    cut = {"of tetrahedra cut": subdivided.build}
+    last = (each for factor in (1.0, 0.5) for each in meshes(order or ORDERS[0], cut, factor))
+    for _, how, mesh in chain(trials, last):
         rows = as_built(mesh, geometry, wave)
         wrong = differences(rows)
         if not wrong:
-            edge = edge_lengths(mesh).max()
-            ends = "no absorbing layer" if mesh.layer is None else "an absorbing layer"
-            kind = f"hexahedra of order {mesh.order} {how}, edges up to {edge:.3g} m, {ends}"
-            return Ground(mesh, f"{kind}: {len(mesh.zones)} zones", rows)
-    raise NotMapped(f"they would build other ground than asked for: {wrong}")
+            why = () if how in BUILDERS or mapped.is_plain(geometry) else reasons
+            return Ground(mesh, _sentence(mesh, how, why), rows)
+        reasons.setdefault(f"hexahedra {how} would be other ground than asked for: {wrong}")
+    raise NotMapped("; ".join(reasons) or "its hexahedra would be inverted")
+
+
+def _sentence(mesh, how, reasons):
+    """Return what hexahedra a mesh has, and why they are not in a grid."""
+    ends = "no absorbing layer" if mesh.layer is None else "an absorbing layer"
+    why = f", because {'; '.join(reasons)}" if reasons else ""
+    return (
+        f"hexahedra of order {mesh.order} {how}, edges up to {edge_lengths(mesh).max():.3g} m, "
+        f"{ends}: {len(mesh.zones)} zones{why}"
+    )
 
 
 def longest_path(positions: np.ndarray) -> float:

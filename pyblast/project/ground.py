@@ -10,7 +10,7 @@ from ..errors import InputError, named_error
 from ..mesh.builder import Fault, JointSet, Layer, build_mesh, structured_box
 from ..mesh.grid import SIDES, Geometry, upward_normal
 from ..mesh.importer import read_mesh
-from ..mesh.mesh import Mesh
+from ..mesh.mesh import Mesh, inner_facets, surface_faces
 from ..model.anisotropy import HoekBrown, UbiquitousJoints, jointed, transverse
 from ..model.boundary import Fixed, FreeField, Roller, Viscous
 from ..model.ground_fields import DamagedZone, Gradient, Heterogeneity, damaged_group
@@ -357,8 +357,13 @@ def refuse_open_sides(config, mesh, planes=()):
         "top",
     }
     inside = {*planes, *(() if mesh.contacts is None else mesh.contacts.names)}
+    closed = [surface_faces(mesh, name) for name in mesh.surfaces if name in named]
+    closed = np.concatenate([np.empty(0, dtype=int), *closed])
     for surface in mesh.surfaces:
-        if surface not in named and surface not in inside:
+        if surface in named or surface in inside:
+            continue
+        outer = surface_faces(mesh, surface)[~inner_facets(mesh, surface)[0]]
+        if not np.isin(outer, closed).all():
             raise InputError(
                 f"boundaries.viscous: lacks {surface!r}; the waves of holes inside the model must "
                 "leave through viscous sides (or name the side in another list)"
@@ -394,7 +399,7 @@ def mean_edge(config, layer, material):
     return material.cs / (per_wavelength * config.frequency_hz)
 
 
-def make_mesh(config, materials, folder, surface=None) -> Mesh:
+def make_mesh(config, materials, folder, surface=None, log=None) -> Mesh:
     """Build or read the mesh of a project, not yet split.
 
     Parameters
@@ -405,9 +410,13 @@ def make_mesh(config, materials, folder, surface=None) -> Mesh:
         Where files of the project are looked for.
     surface : (n, 3) float64, m, optional
         Surveyed top surface.
+    log : ReadLog, optional
+        Takes what was read from a mesh file.
     """
     if config.file is not None:
-        return read_mesh(folder / config.file, config.file_groups or None, [*config.file_joints])
+        return read_mesh(
+            folder / config.file, config.file_groups or None, [*config.file_joints], log
+        )
     for layer in config.layers:
         if layer.material not in materials:
             raise InputError(

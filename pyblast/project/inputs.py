@@ -12,23 +12,22 @@ from ..blasts.signature import (
     SmoothPulse,
     cavity_moment,
     cavity_seismogram,
-    moment_velocity,
+    moment_for_peak,
     pressure_for_peak,
     superpose,
     travel_shifts,
 )
 from ..config.section import read_time_function
 from ..errors import InputError, named_error
-from ..model.boundary import StressInput, VelocityInput
+from ..model.boundary import StressInput, VelocityInput, WaveFronts
 from ..model.source import PlaneWave, TimeFunction, polarisation
 from ..recordings.recording import Recording, first_recording, read_recording
 from ..signals.seismogram import GEOGRAPHIC, Seismogram
 from ..signals.spectra import LowPassed, dominant_frequency, highest_frequency, lowpass
 from ..units import to_si
-from .places import carried_frequency, level_distance
+from .places import carried_frequency, charge_depth, level_distance
 
 QUIET_CYCLES = 3.0
-FREE_SURFACE = 2.0  # ground over unbounded rock
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,12 +54,12 @@ class InputMotion:
         return self.superposed if self.low_passed is None else self.low_passed.seismogram
 
 
-def make_blast(config, folder) -> Blast:
+def make_blast(config, folder, log=None) -> Blast:
     """Turn a `BlastConfig` into a `Blast`: rows of vertical holes, or a hole table."""
     shift = np.array(config.shift_m)
     if config.file is not None:
         mapping = None if config.mapping is None else folder / config.mapping
-        blast = read_blast(folder / config.file, mapping, config.sheet)
+        blast = read_blast(folder / config.file, mapping, config.sheet, log)
         moved = {"collar": blast.collar + shift, "toe": blast.toe + shift}
         return replace(blast, **moved, explosive_density=config.explosive_kg_per_m3)
     row = math.radians(config.row_bearing_deg)
@@ -106,7 +105,7 @@ def make_firing(config, blast, reference_charge=None) -> Firing:
     return firing
 
 
-def read_record(config, folder) -> Recording:
+def read_record(config, folder, log=None) -> Recording:
     """Read the record that a `RecordingConfig` names."""
     records = read_recording(
         folder / config.file,
@@ -118,6 +117,7 @@ def read_record(config, folder) -> Recording:
         mapping=None if config.mapping is None else folder / config.mapping,
         unit=config.unit,
         sheet=config.sheet,
+        log=log,
     )
     if config.record > len(records):
         raise InputError(f"record: {config.file} has {len(records)} records, got {config.record}")
@@ -129,9 +129,9 @@ def read_record(config, folder) -> Recording:
     return replace(record, seismogram=replace(record.seismogram, start=config.start_s))
 
 
-def read_hole(config, folder) -> Seismogram:
+def read_hole(config, folder, log=None) -> Seismogram:
     """Read a single-hole record and remove its mean, which superposition would multiply."""
-    seismogram = read_record(config, folder).seismogram
+    seismogram = read_record(config, folder, log).seismogram
     return replace(seismogram, velocity=seismogram.velocity - seismogram.velocity.mean(axis=0))
 
 
@@ -146,16 +146,16 @@ def cavity_pulse(config, material):
     return pressure_for_peak(*rock, config.radius_m, pulse, distance, peak)
 
 
-def make_signature(config, materials, folder) -> Seismogram:
+def make_signature(config, materials, folder, log=None) -> Seismogram:
     """Return the seismogram of a single hole, east, north, vertical, times its scale."""
-    seismogram = _single_hole(config, materials, folder)
+    seismogram = _single_hole(config, materials, folder, log)
     return replace(seismogram, velocity=config.scale * seismogram.velocity)
 
 
-def _single_hole(config, materials, folder):
+def _single_hole(config, materials, folder, log):
     """Return a record without its mean, or the closed form."""
     if config.recorded is not None:
-        seismogram = read_hole(config.recorded, folder)
+        seismogram = read_hole(config.recorded, folder, log)
         if tuple(seismogram.components) != GEOGRAPHIC:
             raise InputError(
                 "recorded.bearing_deg: missing; the record has longitudinal and transverse "
@@ -198,6 +198,11 @@ def make_input(signature, firing, low_pass, shifts=None) -> InputMotion:
         Travel-time shifts.
     """
     superposed = superpose(signature, firing, travel_shifts=shifts)
+    return _filtered(signature, firing, superposed, low_pass)
+
+
+def _filtered(signature, firing, superposed, low_pass):
+    """Return the stages of an input motion, low-passed at a corner in Hz or not."""
     if low_pass is None:
         return InputMotion(signature, firing, superposed, None)
     padded = _with_quiet_end(superposed, low_pass)
@@ -211,7 +216,47 @@ def _with_quiet_end(motion, corner):
     return replace(motion, velocity=np.where(motion.present, padded, np.nan))
 
 
-def make_entry(config, motion):
+INWARD = {"west": (1, 0, 0), "east": (-1, 0, 0), "south": (0, 1, 0), "north": (0, -1, 0)}
+
+
+def wave_fronts(project) -> WaveFronts | None:
+    """Return the wave fronts of the holes on the face of a `Project`, None where it is plane.
+
+    Raises
+    ------
+    InputError
+        If there is no blast, or the face is not a side of the box.
+    """
+    config, blast = project.config.input, project.blast
+    if config.decay_exponent is None:
+        return None
+    if blast is None or config.face not in INWARD:
+        raise InputError(
+            "input.decay_exponent: needs [blast] and a face west, east, south or north; leave it "
+            "out for a load that is alike everywhere"
+        )
+    rocks = project.materials.values()
+    cavity = project.config.signature.cavity
+    rock = max(rocks, key=lambda m: m.cp) if cavity is None else project.materials[cavity.material]
+    return WaveFronts(
+        blast.centres, project.firing.times, project.firing.scales, config.distance_m,
+        config.decay_exponent, rock.cp, np.array(INWARD[config.face], dtype=float),
+    )  # fmt: skip
+
+
+def opposite_input(signature, firing, low_pass, fronts, blast) -> InputMotion:
+    """Return the input motion at the point of the face opposite the middle of the first holes."""
+    first = blast.centres[blast.times == blast.times.min()].mean(axis=0)
+    point = first + fronts.distance * fronts.axis
+    (amplitude, delay, turn) = (each[:, 0] for each in fronts.at(point[None]))
+    turned = [replace(signature, velocity=signature.velocity @ rotation.T) for rotation in turn]
+    early = min(0.0, float(delay.min()))
+    superposed = superpose(signature, Firing(delay - early, amplitude), signatures=turned)
+    superposed = superposed.shifted(early)
+    return _filtered(signature, firing, superposed, low_pass)
+
+
+def make_entry(config, motion, fronts=None):
     """Return the boundaries and plane waves by which a motion enters through a face.
 
     A plane wave carries the component of the motion along its polarisation.
@@ -220,10 +265,13 @@ def make_entry(config, motion):
     ----------
     config : InputConfig
     motion : Seismogram
+        Of a single hole where there are wave fronts.
+    fronts : WaveFronts, optional
     """
-    if config.enters_as != "plane_wave":
-        kind = {"stress": StressInput, "velocity": VelocityInput}[config.enters_as]
-        return [kind(config.face, motion)], []
+    if config.enters_as == "velocity":
+        return [VelocityInput(config.face, motion)], []
+    if config.enters_as == "stress":
+        return [StressInput(config.face, motion, fronts=fronts)], []
     angles = [to_si(key, getattr(config, key))[1] for key in ("azimuth_deg", "inclination_deg")]
     along = motion.velocity @ polarisation(config.wave, *angles)
     history = TimeFunction(along, motion.dt, motion.start)
@@ -254,10 +302,6 @@ def like_simulated(config, record) -> Recording:
     return record
 
 
-MOMENT_RATE_HEADS = ("time_s,moment_rate_per_kg_Nm_per_s",)
-FORCE_HEADS = ("time_s,force_n", "time_s,force_kn")
-TENSOR_HEADS = ("time_s,moment_rate_Nm_per_s",)
-PRESSURE_HEADS = ("time_s,pressure_pa", "time_s,pressure_kpa", "time_s,pressure_mpa")
 SAMPLES_PER_DURATION = 100
 DURATIONS = 8
 SAMPLES_PER_PEAK_TIME = 200
@@ -267,7 +311,9 @@ FREQUENCY = 20.0  # Hz, of a hole without one
 STEP_DOWN = 0.95  # between low-passes that are tried
 
 
-def make_moment_rate(config, exponent, materials, folder, distance=math.nan) -> TimeFunction:
+def make_moment_rate(
+    config, exponent, materials, folder, distance=math.nan, depth=None, log=None
+) -> TimeFunction:
     """Turn a `HolesInsideConfig` into the moment rate of 1 kg, N m/s, with all its frequencies.
 
     Parameters
@@ -279,15 +325,19 @@ def make_moment_rate(config, exponent, materials, folder, distance=math.nan) -> 
     folder : Path
     distance : float, m, optional
         Where a law sets the level of a charged hole without distance_m.
+    depth : float, m, optional
+        Of the charge under a free surface; None: unbounded rock.
+    log : ReadLog, optional
+        Takes what was read.
 
     Notes
     -----
     ``M = pi a^3 p(t) cp^2/cs^2``, right for waves much longer than the cavity: theory.md (5.2).
-    A peak on the ground is twice that in unbounded rock. A law or a peak is one of motion with all
-    its frequencies, so it sets the level before any low-pass.
+    A peak on the ground is that of a half-space, `ground_peak`. A law or a peak is one of motion
+    with all its frequencies, so it sets the level before any low-pass.
     """
     if config.moment_rate_file is not None:
-        return read_time_function(folder / config.moment_rate_file, MOMENT_RATE_HEADS)
+        return read_time_function(folder / config.moment_rate_file, "moment_rate_per_kg", log)
     hole = config.charged_hole
     if hole.material not in materials:
         raise InputError(
@@ -299,12 +349,11 @@ def make_moment_rate(config, exponent, materials, folder, distance=math.nan) -> 
     moment = cavity_moment(hole.radius_m, pressure, rock.cp, rock.cs)
     unit = TimeFunction(np.gradient(moment, dt), dt)
     if hole.pressure_mpa is not None:
-        level = to_si("pressure_mpa", hole.pressure_mpa)[1]
+        unit = replace(unit, values=to_si("pressure_mpa", hole.pressure_mpa)[1] * unit.values)
     else:
         away = float(hole.distance_m or distance)
-        motion = moment_velocity(unit.values, unit.dt, away, rock.density, rock.cp)
-        level = level_peak(hole, away) / (FREE_SURFACE * float(np.abs(motion).max()))
-    return replace(unit, values=level * unit.values / hole.charge_kg**exponent)
+        unit = moment_for_peak(unit, level_peak(hole, away), away, depth, rock)
+    return replace(unit, values=unit.values / hole.charge_kg**exponent)
 
 
 def hole_pulse(hole) -> SmoothPulse:
@@ -347,7 +396,7 @@ def level_peak(hole, distance) -> float:
     return law.ppv(distance, hole.charge_kg)
 
 
-def make_air_pulse(config, folder) -> TimeFunction:
+def make_air_pulse(config, folder, log=None) -> TimeFunction:
     """Turn an `AirBlastConfig` into the overpressure in Pa at the reference distance.
 
     Notes
@@ -355,7 +404,7 @@ def make_air_pulse(config, folder) -> TimeFunction:
     ``p = P (1 - t/T) exp(-t/T)`` without a file, Friedlander (1946): theory.md (5.12).
     """
     if config.file is not None:
-        return read_time_function(folder / config.file, PRESSURE_HEADS)
+        return read_time_function(folder / config.file, "pressure", log)
     duration = to_si("duration_ms", config.duration_ms)[1]
     share = np.arange(DURATIONS * SAMPLES_PER_DURATION + 1) / SAMPLES_PER_DURATION
     peak = to_si("pressure_kpa", config.pressure_kpa)[1]
@@ -446,17 +495,20 @@ def read_inside(project) -> Inside:
         with named_error("holes_inside"):
             by_law = hole is not None and hole.pressure_mpa is None
             distance = level_distance(config, project.blast) if by_law else math.nan
-            whole = make_moment_rate(config.holes_inside, exponent, materials, folder, distance)
+            depth = charge_depth(config, project.blast)
+            whole = make_moment_rate(
+                config.holes_inside, exponent, materials, folder, distance, depth, project.log
+            )
             low_pass = config.holes_inside.low_pass_hz or ("none" if hole is None else "mesh")
             rate, corner = within_band(whole, low_pass, lambda: carried_frequency(project))
     if config.air_blast is not None:
-        air = make_air_pulse(config.air_blast, folder)
+        air = make_air_pulse(config.air_blast, folder, project.log)
     forces, tensors, pressures = (
-        tuple(read_time_function(folder / part.file, heads) for part in parts)
-        for parts, heads in (
-            (config.point_forces, FORCE_HEADS),
-            (config.moment_tensors, TENSOR_HEADS),
-            (config.pressures, PRESSURE_HEADS),
+        tuple(read_time_function(folder / part.file, name, project.log) for part in parts)
+        for parts, name in (
+            (config.point_forces, "force"),
+            (config.moment_tensors, "moment_rate"),
+            (config.pressures, "pressure"),
         )
     )
     before = None if corner is None else whole
@@ -492,10 +544,8 @@ def central_frequency(project):
 
 
 def input_band(project):
-    """Return the highest frequency in Hz of what enters: the low-pass, or 95 % of the energy."""
-    low_pass = None if project.input is None else project.config.input.low_pass_hz
-    tops = [] if low_pass is None else [low_pass]
-    return max(tops + [highest_frequency(motion) for motion in project.motions[len(tops) :]])
+    """Return the frequency in Hz below which 95 % of the energy of what enters lies."""
+    return max(highest_frequency(motion) for motion in project.motions)
 
 
 def named_files(config) -> list[str]:

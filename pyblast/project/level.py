@@ -16,12 +16,16 @@ from ..blasts.published_laws import (
     PublishedLaw,
     plausible_ppv,
 )
-from ..blasts.signature import moment_velocity, superpose
+from ..blasts.signature import ground_peak, moment_velocity, superpose
 from ..errors import Finding
+from ..mesh.faces import face_vectors
+from ..mesh.mesh import surface_zones
+from ..model.boundary import StressInput
 from ..signals.seismogram import Seismogram
+from ..signals.spectra import highest_frequency
 from ..units import plain_number
-from .inputs import FREE_SURFACE, level_peak, radiated, shape
-from .places import face_areas, full_tensor, level_distance, normal_axis
+from .inputs import level_peak, radiated, shape
+from .places import charge_depth, face_areas, full_tensor, level_distance, normal_axis
 from .project import Project
 
 CODE = "D36"
@@ -251,14 +255,17 @@ def radiated_peak(project: Project, distance: float) -> float:
 
     Notes
     -----
-    Isotropic source of moment M in unbounded rock, doubled at the free surface, all holes at one
-    distance: ``v = 2 (M'/r^2 + M''/(r cp)) / (4 pi density cp^2)``, theory.md (13.9).
+    Isotropic source of moment M, all holes at one distance: the motion of unbounded rock,
+    ``v = (M'/r^2 + M''/(r cp)) / (4 pi density cp^2)``, theory.md (13.9), times what the peak of
+    one hole on the ground is over that, `ground_peak`.
     """
     inside, rock = project.inside, rock_of_holes(project)
     rate = inside.unfiltered or inside.moment_rate
     alone = moment_velocity(rate.values, rate.dt, distance, rock.density, rock.cp)
     history = superpose(shape(rate, alone), inside.firing).velocity[:, 0]
-    return FREE_SURFACE * float(np.abs(history).max())
+    depth = charge_depth(project.config, project.blast)
+    over = ground_peak(rate, distance, depth, rock) / float(np.abs(alone).max())
+    return over * float(np.abs(history).max())
 
 
 def rock_of_holes(project: Project):
@@ -498,7 +505,9 @@ def source_energy(project: Project, ledger: np.ndarray | None = None) -> SourceE
     for force in inside.forces:
         square = force.dt * float(np.sum(np.gradient(force.values, force.dt) ** 2))
         energy += square * (rock.cp**-3 + 2.0 * rock.cs**-3) / (12.0 * math.pi * rock.density)
-    if project.input is not None:
+    if project.input is not None and project.config.input.decay_exponent is not None:
+        energy += graded_energy(project)
+    elif project.input is not None:
         energy += incident_energy(project.input.motion, face_areas(project), normal_axis(project))
     return SourceEnergy(energy, explosive)
 
@@ -534,6 +543,36 @@ def incident_energy(motion: Seismogram, face, axis: int = 0) -> float:
     work = motion.dt * np.sum(np.nan_to_num(motion.velocity) ** 2, axis=0)
     normal, shear = float(work[axis]), float(work.sum() - work[axis])
     return sum(a * m.density * (m.cp * normal + m.cs * shear) for a, m in face)
+
+
+def graded_energy(project: Project) -> float:
+    """Return the energy in J of waves whose amplitude and delay vary over a face.
+
+    The spectra of all holes are summed at each facet: theory.md (5.18).
+    """
+    mesh, face = project.model.mesh, project.config.input.face
+    (boundary,) = (b for b in project.model.boundaries if isinstance(b, StressInput))
+    motion, fronts = boundary.seismogram, boundary.fronts
+    assert fronts is not None
+    n_padded = 2 * len(motion.velocity)
+    spectrum = motion.dt * np.fft.rfft(np.nan_to_num(motion.velocity), n_padded, axis=0)
+    frequency = np.fft.rfftfreq(n_padded, motion.dt)
+    used = frequency <= 1.5 * highest_frequency(motion)
+    power = 2.0 * frequency[1] * np.abs(spectrum[used]) ** 2  # both signs of frequency
+    axis = int(np.argmax(np.abs(fronts.axis)))
+    normal, shear = power[:, axis], power.sum(axis=1) - power[:, axis]
+    faces = mesh.surfaces[face]
+    area = np.linalg.norm(face_vectors(mesh.points, faces), axis=1)
+    group, energy = mesh.zone_group[surface_zones(mesh, face)], 0.0
+    for part in np.array_split(np.arange(len(faces)), len(faces) // 100 + 1):
+        amplitude, delay, _ = fronts.at(mesh.points[faces[part]].mean(axis=1))
+        turns = -2j * np.pi * frequency[used][:, None, None] * delay
+        level = np.abs(np.sum(amplitude * np.exp(turns), axis=1)) ** 2  # frequency by facet
+        for number in np.unique(group[part]):
+            rock, own = project.model.materials[mesh.groups[number]], group[part] == number
+            flux = rock.density * (rock.cp * normal + rock.cs * shear) @ level[:, own]
+            energy += float(flux @ area[part][own])
+    return energy
 
 
 def explosive_energy(project: Project) -> float | None:
@@ -576,7 +615,15 @@ LIKELY = {
     "wave_speed_m_per_s": (50.0, 12000.0, "m/s", 1.0),
     "detonation_m_per_s": (1000.0, 10000.0, "m/s", 1.0),
     "explosive_kg_per_m3": (200.0, 2500.0, "kg/m3", 1.0),
+    "charge_exponent": (0.0, 2.0, "", 1.0),
+    "radius_m": (0.02, 20.0, "m", 1.0),
+    "peak_time_ms": (5e-3, 1e3, "ms", 1.0),
+    "duration_s": (5e-3, 60.0, "s", 1.0),
+    "horizontal_ratio": (0.0, 10.0, "", 1.0),
+    "stress": (0.0, 5e8, "MPa", 1e-6),
 }
+LOOSEST, STIFFEST, WET = 1.45, 15.0, (1300.0, 2100.0)  # cp/cs of ground; cp of wet soil, m/s
+SOFT, HEAVY = 150.0, 2300.0  # cs in m/s that no rock has which is denser, kg/m3
 SHORTEST_DELAY, SHORTEST_BLAST, LONGEST_DELAY = 0.5e-3, 10e-3, 5.0  # s
 
 
@@ -594,9 +641,13 @@ def unlikely_values(materials, joints, config=None, times=()) -> Finding | None:
     """
     listed = {f"materials.{name}": vars(rock) | {"cp": rock.cp} for name, rock in materials.items()}
     listed |= {f"joint {joint.surface}": joint.properties for joint in joints}
-    for name in ("blast", "holes_inside"):
-        table = getattr(config, name, None)
-        listed[name] = {} if table is None else vars(table)
+    parts = "blast", "holes_inside", "run", "insitu"
+    tables = {name: getattr(config, name, None) for name in parts}
+    tables["charged_hole"] = getattr(tables["holes_inside"], "charged_hole", None)
+    listed |= {name: vars(table) for name, table in tables.items() if table is not None}
+    if "insitu" in listed:
+        stress = 1e6 * max(map(abs, listed["insitu"]["stress_mpa"]), default=0.0)
+        listed["insitu"] = listed["insitu"] | {"stress": stress}
     given = {
         f"{part} {key}": (values[key], LIKELY[key])
         for part, values in listed.items()
@@ -614,6 +665,18 @@ def unlikely_values(materials, joints, config=None, times=()) -> Finding | None:
         for key, (value, (low, high, unit, factor)) in unlikely.items()
     ]
     numbers = {key: value for key, (value, _) in unlikely.items()}
+    for name, rock in materials.items():
+        ratio = rock.cp / rock.cs if rock.cs > 0.0 else math.inf
+        wet = WET[0] <= rock.cp <= WET[1]
+        if ratio < LOOSEST or (ratio > STIFFEST and not wet):
+            words.append(f"materials.{name} cp/cs is {ratio:.3g}, usual are 1.45 to 15")
+            numbers[f"materials.{name} cp/cs"] = ratio
+        if rock.cs < SOFT and rock.density > HEAVY:
+            words.append(
+                f"materials.{name} cs is {rock.cs:.3g} m/s at {rock.density:.4g} kg/m3, as if its "
+                "moduli were given in GPa"
+            )
+            numbers[f"materials.{name} cs"] = rock.cs
     gap = _unlikely_delay(times)
     if gap is not None:
         likely = "seconds" if gap < SHORTEST_DELAY else "microseconds"

@@ -10,9 +10,13 @@ from ..blasts.blast import Blast
 from ..errors import InputError, named_error
 from ..mesh.faces import face_vectors
 from ..mesh.hexahedra import face_shapes, face_slopes
-from ..mesh.mesh import edge_lengths, locate, surface_zones
+from ..mesh.mesh import locate, surface_zones
 from ..model.model import Model, Receiver, SpongeLayer
 from ..model.source import AirBlast, Column, Hole, MomentTensor, PointForce, Pressure, TimeFunction
+from ..solver.moment_density import near_receivers
+
+SHALLOWEST = 0.5  # m, depth of a charge at least
+KIND_NAMES = {"PointForce": "force", "MomentTensor": "moment tensor"}
 
 
 def place_receivers(parts, mesh) -> tuple[Receiver, ...]:
@@ -224,19 +228,26 @@ def carried_frequency(project) -> float:
 def level_distance(config, blast) -> float:
     """Return where a law sets the level of the charged hole of a `Config`, in m.
 
-    The geometric mean of the horizontal distances from the middle of the holes to the receivers,
-    unless distance_m is given.
+    The geometric mean of the distances from the middle of the charges to the receivers, unless
+    distance_m is given; receivers without height stand as high as the mean collar.
     """
     hole = config.holes_inside.charged_hole
     if hole is not None and hole.distance_m is not None:
         return hole.distance_m
-    middle = blast.centres[:, :2].mean(axis=0)
-    away = [math.dist(part.position_m[:2], middle) for part in config.receivers]
+    middle, top = blast.centres.mean(axis=0), float(blast.collar[:, 2].mean())
+    away = [math.dist([*part.position_m, top][:3], middle) for part in config.receivers]
     if not away or min(away) <= 0.0:
         raise InputError(
             "charged_hole.distance_m: missing, and no distance to receivers stands for it"
         )
     return float(np.exp(np.mean(np.log(away))))
+
+
+def charge_depth(config, blast) -> float | None:
+    """Return the mean depth in m of charges below their collars; None where no surface is free."""
+    if "top" in config.boundaries.viscous:
+        return None
+    return float(np.maximum(blast.collar[:, 2] - blast.centres[:, 2], SHALLOWEST).mean())
 
 
 def check_absorbing_layer(layer, mesh, positions):
@@ -262,6 +273,41 @@ def hole_positions(blast):
     """Return the centres of the charges by the names of their holes."""
     names = (f"blast: hole {name}" for name in blast.hole_ids)
     return dict(zip(names, blast.centres, strict=True))
+
+
+def resolved_receivers(project, names) -> tuple[str, ...]:
+    """Return those of named receivers that stand far enough from the sources of a project.
+
+    Raises
+    ------
+    InputError
+        If there are receivers, and none does.
+    """
+    near = {row.receiver: row for row in near_receivers(project.model) if not row.trusted}
+    chosen = tuple(name for name in names if name not in near)
+    if names and not chosen:
+        row = min((near[name] for name in names), key=lambda row: row.error)
+        raise InputError(
+            f"{project.path.name}: receivers.{row.receiver}: stands {row.distance:.3g} m from a "
+            f"source, and no other farther, where elements of {row.edge:.3g} m make errors up to "
+            f"{100 * row.error:.2g} % (D38); give receivers beyond {1.25 * row.edge:.3g} m, or "
+            "shorter edges"
+        )
+    return chosen
+
+
+def source_names(sources, blast) -> list[str]:
+    """Return a name of each source of a model: the hole, or the kind and its number."""
+    holes = iter(() if blast is None else np.asarray(blast.hole_ids)[blast.charge != 0.0])
+    names, count = [], {}
+    for source in sources:
+        kind = type(source).__name__
+        if kind in ("Hole", "Column"):
+            names.append(f"hole {next(holes, len(names) + 1)}")
+            continue
+        count[kind] = count.get(kind, 0) + 1
+        names.append(f"{KIND_NAMES.get(kind, 'source')} {count[kind]}")
+    return names
 
 
 def source_positions(project):
@@ -437,36 +483,6 @@ def face_distance(project):
         return None, 0.0
     reach = max(abs(corners[:, along].max() - middle), abs(middle - corners[:, along].min()))
     return distance, float(reach)
-
-
-def receiver_groups(project):
-    """Return the material under each receiver, dict of str to str."""
-    mesh = project.model.mesh
-    if not project.receivers:
-        return {}
-    zone, _ = locate(mesh, [receiver.position for receiver in project.receivers])
-    names = [mesh.groups[group] for group in mesh.zone_group[zone]]
-    return {r.name: name for r, name in zip(project.receivers, names, strict=True)}
-
-
-def edges_near_receivers(project, frequency):
-    """Return the mean edge in m within an S wavelength of each receiver, by material under it.
-
-    Returns
-    -------
-    dict of str to dict of str to float
-        By material, then by receiver.
-    """
-    mesh, stands = project.model.mesh, receiver_groups(project)
-    middles, edges = mesh.points[mesh.zones].mean(axis=1), {}
-    for receiver in project.receivers:
-        name = stands[receiver.name]
-        own = mesh.zone_group == mesh.groups.index(name)
-        distance = np.linalg.norm(middles - receiver.position, axis=1)
-        reach = max(project.model.materials[name].cs / frequency, distance[own].min())
-        mean = edge_lengths(mesh)[own & (distance <= reach)].mean()
-        edges.setdefault(name, {})[receiver.name] = float(mean)
-    return edges
 
 
 def face_materials(project):

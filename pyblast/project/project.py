@@ -15,10 +15,11 @@ from ..config.ground import GroundConfig, MeshConfig
 from ..config.section import changed_tables, value_at
 from ..errors import InputError, named_error
 from ..mesh.as_built import Row, positions_as_built
-from ..mesh.mesh import Mesh
+from ..mesh.mesh import Mesh, inner_facets
 from ..model.joint import Joint
 from ..model.material import Material
 from ..model.model import Model, Receiver, SpongeLayer
+from ..readers.provenance import ReadLog
 from ..recordings.recording import Recording
 from ..signals.seismogram import Seismogram
 from ..solver.initial_stress import joint_pressures
@@ -48,9 +49,11 @@ from .inputs import (
     make_input,
     make_signature,
     named_files,
+    opposite_input,
     read_inside,
     read_record,
     shifts_of,
+    wave_fronts,
 )
 from .places import (
     check_absorbing_layer,
@@ -61,7 +64,7 @@ from .places import (
     single_source,
     source_positions,
 )
-from .surface import make_surface
+from .surface import make_surface, welded_surfaces
 
 STEP_FACTOR = {False: 0.8, True: 0.95}  # over a bound of tetrahedra, over the limit of hexahedra
 
@@ -95,6 +98,8 @@ class Project:
         Factors on the wave speeds beside those of the table [ground].
     given : dict of str to object
         Parts, such as ``mesh`` or ``records``, that replace those of the file.
+    log : ReadLog
+        What was read from files so far.
     """
 
     path: Path
@@ -105,6 +110,7 @@ class Project:
     further: tuple["Project", ...] = ()
     fields: tuple = ()
     given: dict[str, Any] = field(default_factory=dict)
+    log: ReadLog = field(default_factory=ReadLog, repr=False)
 
     @classmethod
     def from_dict(cls, tables: dict[str, Any], folder: str | Path = ".") -> "Project":
@@ -146,7 +152,7 @@ class Project:
         if self.config.blast is None:
             return None
         with named_error(f"{self.path.name}: blast"):
-            return make_blast(self.config.blast, self.folder)
+            return make_blast(self.config.blast, self.folder, self.log)
 
     @_part
     def firing(self) -> Firing:
@@ -160,7 +166,7 @@ class Project:
         if self.config.signature is None:
             return None
         with named_error(f"{self.path.name}: signature"):
-            return make_signature(self.config.signature, self.materials, self.folder)
+            return make_signature(self.config.signature, self.materials, self.folder, self.log)
 
     @_part
     def input(self) -> InputMotion | None:
@@ -173,6 +179,10 @@ class Project:
             cavity, shifts = config.signature.cavity, None
             if cavity is not None:
                 shifts = shifts_of(config.blast, self.blast, cavity.receiver_m, cavity.hole_m)
+            fronts = wave_fronts(self)
+            if fronts is not None:
+                corner = config.input.low_pass_hz
+                return opposite_input(signature, firing, corner, fronts, self.blast)
             return make_input(signature, firing, config.input.low_pass_hz, shifts)
 
     @_part
@@ -201,7 +211,7 @@ class Project:
     @_part
     def surface(self) -> np.ndarray | None:
         """Surveyed top surface, (n, 3) m, or its triangles (n, 3, 3)."""
-        return make_surface(self.config.mesh, self.folder)
+        return make_surface(self.config.mesh, self.folder, self.log)
 
     @_part
     def reach(self) -> float:
@@ -266,7 +276,7 @@ class Project:
             if part.recorded is not None:
                 with named_error(f"{self.path.name}: receivers.{part.name}.recorded"):
                     records[part.name] = like_simulated(
-                        part, read_record(part.recorded, self.folder)
+                        part, read_record(part.recorded, self.folder, self.log)
                     )
         return records
 
@@ -282,14 +292,19 @@ class Project:
         motion, face = self.input, None if self.input is None else config.input.face
         entries, waves = [], []
         if motion is not None:
-            outer = [name for name in mesh.surfaces if name not in {j.surface for j in self.joints}]
+            joints = {joint.surface for joint in self.joints}
+            outer = [
+                name for name in mesh.surfaces
+                if name not in joints and not inner_facets(mesh, name)[0].any()
+            ]  # fmt: skip
             if face not in outer:
                 what = f"must be one of {', '.join(outer)}, got {face!r}"
                 raise InputError(f"{self.path.name}: input.face: {what}")
-            entries, waves = make_entry(config.input, motion.motion.shifted(self.lead))
+            entries, waves = self._entry(motion)
         sources, receivers, layer = self.sources, self.receivers, self.absorbing_layer
         with named_error(self.path.name):
             refuse_unknown_sides("boundaries.free", config.boundaries.free, mesh)
+            welded_surfaces(config.mesh, mesh)
             if config.holes_inside or config.moment_tensors:
                 refuse_open_sides(config.boundaries, mesh, joint_of_surface(config.mesh))
             model = Model(
@@ -315,6 +330,16 @@ class Project:
             media = jointed_media(config.mesh, self.materials, self.joints, pressures)
             known = make_boundaries(config.boundaries, face, media)
             return replace(model, boundaries=(*known, *entries))
+
+    def _entry(self, motion):
+        """Return boundaries and plane waves by which the motion enters."""
+        config, fronts, moving = self.config.input, wave_fronts(self), motion.motion
+        if fronts is not None:  # each hole by itself
+            alone = Firing(np.zeros(1), np.ones(1))
+            moving = make_input(self.signature, alone, config.low_pass_hz).motion
+            fronts = replace(fronts, times=fronts.times + self.lead)
+            return make_entry(config, moving, fronts)
+        return make_entry(config, moving.shifted(self.lead))
 
     @property
     def core(self) -> float | None:

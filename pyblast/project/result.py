@@ -17,13 +17,13 @@ from ..recordings.tables import instrument_table
 from ..signals.seismogram import Named, Seismogram, html_table
 from ..signals.spectra import dominant_frequency, significant_duration, zero_crossing_frequency
 from ..solver.model_file import read_arrays, write_arrays
-from ..solver.moment_density import source_radii
+from ..solver.moment_density import near_receivers, source_radii
 from ..solver.preparation import versions
 from ..units import plain_number
 from . import level
 from .ground import joint_of_surface
 from .inputs import input_band
-from .places import blast_table, house_positions, undamped_plane
+from .places import blast_table, house_positions, source_names, undamped_plane
 from .validity import band_of, validity
 
 KIND = "result"
@@ -160,7 +160,7 @@ def read_result(path) -> Result:
 
 def write_text(path, text):
     """Write a text file atomically."""
-    write_bytes(path, text.encode("utf-8"))
+    write_bytes(path, text.encode("utf-8", "replace"))  # a name may hold half a letter
 
 
 def write_bytes(path, content):
@@ -239,6 +239,7 @@ def summarise(project, checked, run, simulated, comparisons):
             for part in project.config.receivers
             if part.recorded is not None
         },
+        "near_sources": near_table(project),
         "receivers": receiver_tables(project, simulated, band),
         "compliance": compliance_table(project, simulated, band),
         "comparisons": {n: comparison_table(c) for n, c in comparisons.items()},
@@ -268,12 +269,20 @@ def summarise(project, checked, run, simulated, comparisons):
         },
         "provenance": {**versions(run.prepared.fingerprint), **run.provenance},
         "files_sha256": project.input_files,
+        "inputs": project.log.table(),
         "mesh_names": {
             "groups": list(project.model.mesh.groups),
             "joints": [joint.surface for joint in project.model.joints],
             "faults": project.faults,
         },
     }
+
+
+def near_table(project):
+    """Return the receivers near a source, with the error to expect."""
+    names = source_names(project.model.sources, project.blast)
+    rows = near_receivers(project.model)
+    return [{**asdict(row), "source": names[row.source], "work": row.work} for row in rows]
 
 
 def material_table(material):

@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import scipy
 
-from ..config.section import read_columns
-from ..errors import InputError, named_error
+from ..errors import InputError, ReadError, named_error
 from ..mesh.faces import face_vectors
 from ..mesh.grid import Fault
+from ..mesh.mesh import inner_facets
 from ..model.fractures import (
     FractureSet,
     SizeLaw,
@@ -18,6 +18,7 @@ from ..model.fractures import (
     terminated,
 )
 from ..model.terrain import Bench, bench_triangles, burdens, toe_of, walked
+from ..readers.cells import wanted_by
 from ..readers.geometry import (
     SurveyedSurface,
     read_content,
@@ -25,6 +26,7 @@ from ..readers.geometry import (
     read_surface,
     surface_format,
 )
+from ..readers.tables import read_table
 
 HALF_CELL = 0.51  # of the diagonal of a cell, with which a survey reaches beyond its places
 
@@ -62,8 +64,7 @@ def survey_of(config, folder, log=None) -> SurveyedSurface:
     path = folder / config.surface_file
     with named_error("mesh.surface_file"):
         if surface_format(path, read_content(path)) is None:
-            values = read_columns(path, ("x_m,y_m,z_m",))
-            return SurveyedSurface(values, np.empty((0, 2)))
+            return SurveyedSurface(_points(path, log), np.empty((0, 2)))
         return read_surface(
             path, box=box_of(config), unit=config.surface_unit, layers=config.surface_layers,
             log=log,
@@ -93,7 +94,7 @@ def benches_of(config, folder, log=None) -> list[Bench]:
     return benches
 
 
-def make_fractures(config, folder) -> list[Fault]:
+def make_fractures(config, folder, log=None) -> list[Fault]:
     """Return the fractures of a `MeshConfig`, read or drawn."""
     faults = {part.name: part for part in config.faults}
     fractures = []
@@ -109,11 +110,11 @@ def make_fractures(config, folder) -> list[Fault]:
                     )
                 dip, azimuth = np.radians([fault.dip_deg, fault.dip_direction_deg])
                 ends.append(Fault(name, dip, azimuth, tuple(fault.through_m)))
-            fractures += terminated(_fractures(part, config, folder), ends)
+            fractures += terminated(_fractures(part, config, folder, log), ends)
     return fractures
 
 
-def _fractures(part, config, folder):
+def _fractures(part, config, folder, log):
     """Return the fractures of one table as far as they reach into the box."""
     box = np.column_stack([config.origin_m, np.add(config.origin_m, config.size_m)])
     if part.file is None:
@@ -125,7 +126,7 @@ def _fractures(part, config, folder):
         dip, azimuth = np.radians([part.dip_deg, part.dip_direction_deg])
         kappa, density = part.fisher_kappa, part.p32
         return FractureSet(part.name, dip, azimuth, kappa, density, sizes, part.seed).draw(box)
-    read = read_fractures(folder / part.file, part.name, box=box, unit=part.file_unit)
+    read = read_fractures(folder / part.file, part.name, box=box, unit=part.file_unit, log=log)
     mapped = [replace(f, name=part.name) for f in read]
     return refuse_many(part.name, [each for each in mapped if area_within(each, box) > 0.0])
 
@@ -141,11 +142,47 @@ def _lines(part, name, config, folder, log):
     if file is None:
         return [np.array(getattr(part, f"{name}_m"))]
     if not _is_drawing(file):
-        return [read_columns(folder / file, ("x_m,y_m,z_m",))]
+        return [_points(folder / file, log)]
     layer = getattr(part, f"{name}_layer")
     return read_lines(
         folder / file, layer, box=box_of(config), unit=part.file_unit, log=log
     )  # fmt: skip
+
+
+def _points(path, log):
+    """Return the positions (n, 3) in m of a table, with titles or of three columns of numbers."""
+    table = read_table(
+        path, wanted_by("surface"), None, log, untitled=("x", "y", "z"), kind="table of positions"
+    )
+    points = np.column_stack([table.values[name] for name in "xyz"])
+    if np.isnan(points).any():
+        line = table.lines[int(np.isnan(points).any(axis=1).argmax())]
+        raise ReadError(f"{path}, line {line}: must be three numbers, one is missing")
+    return points
+
+
+def welded_surfaces(config, mesh) -> list[str]:
+    """Return the tagged surfaces inside a mesh file that are no joints: welded, and no sides.
+
+    Raises
+    ------
+    InputError
+        If one lies within a single material and is listed neither as a joint nor as welded.
+    """
+    welded = []
+    for name in mesh.surfaces if config.file is not None else ():
+        inner, zones = inner_facets(mesh, name)
+        if name in config.file_joints or not inner.any():
+            continue
+        alike = mesh.zone_group[zones[:, 0]] == mesh.zone_group[zones[:, 1]]
+        if alike.any() and name not in config.file_welded:
+            group = mesh.groups[mesh.zone_group[zones[np.argmax(alike), 0]]]
+            raise InputError(
+                f"mesh.file: the surface {name!r} lies inside {group!r}; say what it is: a joint "
+                f"by file_joints = {{ {name} = ... }}, or no joint by file_welded = [{name!r}]"
+            )
+        welded.append(name)
+    return welded
 
 
 def refuse_uncovered(places, box):
@@ -206,6 +243,8 @@ def ground_notes(project):
         notes.append(
             f"Fractures {part.name}: {area:.4g} m2, P32 {area / volume:.3g} 1/m of the box{drawn}."
         )
+    for name in welded_surfaces(project.config.mesh, project.mesh):
+        notes.append(f"Surface {name} of the mesh file lies inside: welded, no joint and no side.")
     if project.config.mesh.benches and blast is not None:
         burden = burdens(benches_of(project.config.mesh, project.folder), blast.centres)
         burden = burden[np.isfinite(burden)]

@@ -16,6 +16,7 @@ from .project import Project
 LEAST_ENERGY, LEAST_PEAK = 0.95, 0.9  # shares of the blast's motion that a run has to hold
 SAMPLES = 200  # along the way to a receiver
 THIN = 8.0  # layers thinner than a wavelength over this move as one
+STIFF = 0.5  # S speed over that around the sources, of ground through which waves come
 
 
 @dataclass(frozen=True)
@@ -76,35 +77,53 @@ def validity(project: Project) -> tuple[ReceiverValidity, ...]:
 
     Notes
     -----
-    The mesh carries ``cs / (n e)`` in the zones, of mean edge e, that the straight way from the
-    middle of the sources to the receiver meets; n edges make a wavelength. A layer of height H
+    The mesh carries ``cs / (n e)`` in the zones, of mean edge e, that the way from the middle of
+    the sources to the receiver meets, at last up through its soft ground; n edges make a
+    wavelength. A layer of height H
     carries ``cs / 8 H`` at least: below that frequency it moves as one.
     """
+    mesh = project.model.mesh
+    zones = KDTree(mesh.points[mesh.zones].mean(axis=1))
     return tuple(
-        ReceiverValidity(receiver.name, *_least(project, _way(project, receiver.position)))
-        for receiver in project.receivers
+        ReceiverValidity(r.name, *_least(project, zones, _way(project, zones, r.position)))
+        for r in project.receivers
     )
 
 
-def _way(project: Project, position):
-    """Return points (n, 3) from the sources of a project to a receiver."""
+def _way(project: Project, zones, position):
+    """Return points (n, 3) on the way from the sources of a project to a receiver.
+
+    Waves turn upwards into soft ground: the way goes straight to the stiff ground below the
+    receiver, and from there up.
+    """
     share = np.linspace(0.0, 1.0, SAMPLES)[:, None]
-    start = radiating_positions(project)
-    if len(start):
-        start = start.mean(axis=0)
-    else:
-        mesh, across = project.mesh, normal_axis(project)
-        face = mesh.points[np.unique(mesh.surfaces[project.config.input.face])]
-        start = np.array(position, dtype=float)
-        start[across] = face[:, across].mean()
-    return start + share * (np.asarray(position) - start)
+    end, start = np.asarray(position, dtype=float), _middle(project, position)
+    mesh, cs = project.model.mesh, project.model.zone_values("cs")
+    below = end - share * [0.0, 0.0, np.ptp(mesh.points[:, 2])]
+    below = below[below[:, 2] >= mesh.points[:, 2].min()]
+    stiff = cs[zones.query(below)[1]] >= STIFF * cs[zones.query(start)[1]]
+    turn = below[int(np.argmax(stiff)) if stiff.any() else 0]
+    return np.concatenate([start + share * (turn - start), turn + share * (end - turn)])
 
 
-def _least(project: Project, points):
+def _middle(project: Project, position):
+    """Return the middle (3,) of the sources, or where their waves enter the face."""
+    sources = radiating_positions(project)
+    if len(sources):
+        return sources.mean(axis=0)
+    mesh, across = project.mesh, normal_axis(project)
+    face = mesh.points[np.unique(mesh.surfaces[project.config.input.face])]
+    start = np.array(position, dtype=float)
+    if project.blast is not None:
+        start[2] = np.clip(project.blast.centres[:, 2].mean(), face[:, 2].min(), face[:, 2].max())
+    start[across] = face[:, across].mean()
+    return start
+
+
+def _least(project: Project, zones, points):
     """Return the frequency in Hz that zones next to points carry, and which ground sets it."""
     model = project.model
-    mesh = model.mesh
-    _, zone = KDTree(mesh.points[mesh.zones].mean(axis=1)).query(points)
+    mesh, (_, zone) = model.mesh, zones.query(points)
     edges = model.edges_per_wavelength * edge_lengths(mesh)[zone].mean(axis=1)
     speed, group = model.zone_values("cs")[zone], mesh.zone_group[zone]
     layers = project.config.mesh.layers

@@ -25,7 +25,7 @@ LENGTHS = {
     "m": 1.0, "km": 1e3, "cm": 1e-2, "mm": 1e-3, "ft": 0.3048, "in": 0.0254,
     "us_ft": 1200.0 / 3937.0,
 }  # fmt: skip
-LOWEST, HIGHEST = -1000.0, 10000.0  # m, of any ground
+LOWEST, HIGHEST = -1000.0, 10000.0  # of any ground, in m or ft
 WIDEST = 5e4  # m
 _LARGEST_FILE = 500_000_000  # bytes
 _MOST_CELLS = 25_000_000
@@ -125,7 +125,9 @@ def read_surface(
     values = factor * raw.values
     missing = np.empty((0, 2)) if raw.missing is None else factor * raw.missing
     cell = None if raw.cell is None else (factor * raw.cell[0], factor * raw.cell[1])
-    _refuse_heights(path.name, values, raw)
+    width = np.ptp(values.reshape(-1, 3)[:, :2], axis=0).max()
+    if width > WIDEST and cell is None:
+        raise InputError(f"{path.name}: is {width:.6g} m wide, as one in mm is; say its unit")
     if cell is not None and box is not None:
         n_read = len(values)
         values, missing = _near(values, box), _near(missing, box)
@@ -318,23 +320,6 @@ def _unit(name, raw, box, given, fits):
     return "m", ""  # beside the box: said where the ground is cut
 
 
-def _refuse_heights(name, values, raw):
-    """Raise ReadError for heights that no ground has."""
-    heights = values.reshape(-1, 3)[:, 2]
-    wild = ~((heights >= LOWEST) & (heights <= HIGHEST))
-    if wild.any():
-        x, y, z = values.reshape(-1, 3)[np.flatnonzero(wild)[0]]
-        count = np.count_nonzero(wild)
-        remedy = "; if it marks missing cells, write NODATA_value" if raw.cell else ""
-        raise ReadError(
-            f"{name}: {count} heights are none of any ground, the first is {z:g} m at "
-            f"({x:.10g}, {y:.10g}){remedy}"
-        )
-    width = np.ptp(values.reshape(-1, 3)[:, :2], axis=0).max()
-    if width > WIDEST and raw.cell is None:
-        raise InputError(f"{name}: is {width:.6g} m wide, as one in millimetres is; say its unit")
-
-
 def _near(positions, box):
     """Return the positions of a grid around a box."""
     reach = _MARGIN * np.ptp(box, axis=1).max()
@@ -353,7 +338,7 @@ def _cells(entry, heights, plan, missing, cell):
         raise ReadError(f"{name}: every cell is marked as missing; export the surface again")
     row, column = np.divmod(np.arange(heights.size), heights.shape[1])
     values = np.column_stack([plan, heights.ravel()])[~blank]
-    wild = ~((values[:, 2] >= LOWEST / 0.3) & (values[:, 2] <= HIGHEST / 0.3))
+    wild = ~((values[:, 2] >= LOWEST) & (values[:, 2] <= HIGHEST))
     if wild.any():
         first = np.flatnonzero(wild)[0]
         at = np.flatnonzero(~blank)[first]

@@ -92,6 +92,10 @@ class ReadLog:
         self._files.append(FileRead(Path(path).name, format))
         return self._files[-1]
 
+    def extend(self, other: "ReadLog") -> None:
+        """Add the entries of another log."""
+        self._files += other._files
+
     def table(self) -> list[dict]:
         """Return the entries as dicts for JSON; a file that was read twice alike stands once."""
         rows = []

@@ -79,11 +79,19 @@ class Window(NamedTuple):
     start: float
     length: int
 
+    def skip(self, number: int, dt: float) -> int:
+        """Return how many samples of one of its channels come before it."""
+        return round((self.start - self.stretches[number].start) / dt)
+
     def samples(self, number: int, dt: float) -> np.ndarray:
         """Return the samples (length,) of one of its channels."""
-        part = self.stretches[number]
-        skip = round((self.start - part.start) / dt)
-        return part.samples[skip : skip + self.length]
+        skip = self.skip(number, dt)
+        return self.stretches[number].samples[skip : skip + self.length]
+
+    def within(self, dt: float) -> "Window":
+        """Return the window with the samples that all of its channels have."""
+        parts = enumerate(self.stretches)
+        return self._replace(length=min(len(part.samples) - self.skip(n, dt) for n, part in parts))
 
 
 def common_windows(
@@ -113,8 +121,10 @@ def common_windows(
             shared for window in windows for part in parts
             if (shared := _shared(window, part, dt)) is not None
         ]  # fmt: skip
+    windows = [window.within(dt) for window in windows]
+    windows = [window for window in windows if window.length > 1]
     if not windows:
-        raise ReadError(f"{path}: channels have no time in common")
+        raise ReadError(f"{path}: channels have no two samples at a time in common")
     if len(windows) > 1:
         text = f"{len(windows)} records: gaps lie between their stretches"
         entry.remark(text)

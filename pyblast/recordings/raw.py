@@ -1,9 +1,6 @@
-"""Raw records: parsing of text and units, clipping, dead channels, printed peak values."""
+"""Raw records: units, sampling, clipping, dead channels, offsets, printed peak values."""
 
-import csv
-import math
 import re
-import unicodedata
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -11,14 +8,13 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..errors import InputError, ReadError
+from ..readers.cells import NumberFormat, number, plain_word, unit_factor, unit_name
+from ..readers.tables import regular_step
 from ..signals.seismogram import Seismogram
 from ..signals.spectra import zero_crossing_frequency
-from ..units import FACTORS
 
 MAX_FILE_BYTES = 2_000_000_000
-MAX_LINE = 100_000
 SLOWEST_RATE, FASTEST_RATE = 10.0, 1e8
-_ALIASES = {"sec": "s", "seconds": "s", "sps": "hz", "mm_per_sec": "mm_per_s"}
 _QUANTITY = re.compile(r"([<>]?)\s*([-+]?[\d.,]*\d(?:[eE][-+]?\d+)?)\s*(.*)")
 
 
@@ -69,105 +65,11 @@ class RawRecord:
     notes: tuple[str, ...] = ()
 
 
-def read_bytes(path: Path, max_bytes: int = MAX_FILE_BYTES) -> bytes:
-    """Read a regular file that is not larger than ``max_bytes``."""
-    if not path.is_file():
-        raise ReadError(f"{path}: expected a file, found {'a folder' if path.is_dir() else 'none'}")
-    size = path.stat().st_size
-    if size > max_bytes:
-        raise ReadError(f"{path}: holds {size} bytes, the cap (max_bytes) is {max_bytes}")
-    if size == 0:
-        raise ReadError(f"{path}: is empty, expected a recording")
-    return path.read_bytes()
-
-
-_OTHER_FILES = {
-    b"PK\x03\x04": "is a zip archive or a damaged Excel workbook; save the sheet as CSV",
-    b"\xd0\xcf\x11\xe0": "is an Excel workbook of the old kind; save it as .xlsx or CSV",
-    b"%PDF": "is a PDF document; export the table as CSV",
-    b"\x55\x3a": "is a recording in SEG-2, no table; read it with read_gather",
-    b"\x3a\x55": "is a recording in SEG-2, no table; read it with read_gather",
-    b"\xff\xfe": "is UTF-16 text; save it as UTF-8",
-    b"\xfe\xff": "is UTF-16 text; save it as UTF-8",
-}
-
-
-def refuse_other_files(where: Path | str, content: bytes) -> None:
-    """Refuse files of another kind than text, with their kind and the remedy."""
-    for magic, sentence in _OTHER_FILES.items():
-        binary = magic != b":U" or b"\0" in content[:32]
-        if content.startswith(magic) and binary:
-            raise ReadError(f"{where}: {sentence}")
-
-
-def refuse_sheet(where: Path | str, sheet: str | None) -> None:
-    """Refuse the name of a sheet beside a file that is no workbook."""
-    if sheet is not None:
-        raise InputError(f"{where}: is no Excel workbook; leave out sheet = {sheet!r}")
-
-
-def decode_lines(path: Path, content: bytes) -> list[str]:
-    """Decode text lines; drops a UTF-8 mark, refuses UTF-16 and binary content."""
-    refuse_other_files(path, content)
-    if b"\0" in content:
-        line = content[: content.index(b"\0")].count(b"\n") + 1
-        raise ReadError(f"{path}, line {line}: expected text, found a NUL byte (binary or UTF-16)")
-    content = content.removeprefix(b"\xef\xbb\xbf")
-    try:
-        text = content.decode("utf-8")
-    except UnicodeDecodeError:
-        text = content.decode("latin-1")
-    lines = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
-    for number, line in enumerate(lines, 1):
-        if len(line) > MAX_LINE:
-            raise ReadError(
-                f"{path}, line {number}: has {len(line)} characters, expected at most {MAX_LINE}"
-            )
-    while lines and not lines[-1].strip():
-        lines.pop()
-    return lines
-
-
-def split_line(path: Path, number: int, line: str, delimiter: str = ",") -> list[str]:
-    """Split one line of delimited text into stripped cells."""
-    try:
-        cells = next(csv.reader([line], delimiter=delimiter, skipinitialspace=True), [])
-    except csv.Error as error:
-        raise ReadError(f"{path}, line {number}: expected delimited text ({error})") from None
-    return [cell.strip() for cell in cells]
-
-
-def unit_factor(symbol: str, where: str) -> float:
-    """Return the SI factor of a printed unit such as ``mm/s`` or of a suffix like ``mm_per_s``."""
-    suffix = symbol.strip().lower().replace("/", "_per_").replace("µ", "u").replace("μ", "u")
-    suffix = _ALIASES.get(suffix, suffix)
-    if suffix not in FACTORS:
-        raise ReadError(f"{where}: unknown unit '{symbol[:40]}', expected one such as mm/s or in/s")
-    return FACTORS[suffix]
-
-
 def velocity_factor(symbol: str, where: str) -> float:
     """Return the factor to m/s; raise ReadError unless the unit is one of velocity."""
-    suffix = symbol.strip().lower().replace("/", "_per_")
-    if not suffix.endswith(("_per_s", "_per_sec")):
+    if not unit_name(symbol).endswith("_per_s") and not symbol.strip().lower().endswith("/s"):
         raise ReadError(f"{where}: expected a unit of velocity such as mm/s, got '{symbol[:40]}'")
     return unit_factor(symbol, where)
-
-
-def number(text: str, where: str, decimal: str = ".") -> float:
-    """Parse a finite number."""
-    cleaned = text.strip()
-    if decimal == ",":
-        if "." in cleaned:
-            raise ReadError(f"{where}: '{cleaned[:40]}' mixes decimal point and decimal comma")
-        cleaned = cleaned.replace(",", ".")
-    try:
-        value = float(cleaned.replace("_", "?"))
-    except ValueError:
-        raise ReadError(f"{where}: expected a number, got '{text.strip()[:40]}'") from None
-    if not math.isfinite(value):
-        raise ReadError(f"{where}: expected a finite number, got '{text.strip()[:40]}'")
-    return value
 
 
 def quantity(text: str, where: str, unit: str = "") -> Printed | None:
@@ -183,7 +85,8 @@ def quantity(text: str, where: str, unit: str = "") -> Printed | None:
     factor = unit_factor(symbol, where) if symbol else 1.0
     mantissa = re.split("[eE]", digits)[0]
     decimals = len(mantissa.partition(decimal)[2])
-    return Printed(number(digits, where, decimal) * factor, 10.0**-decimals * factor, bound)
+    value = number(digits, where, NumberFormat(decimal))
+    return Printed(value * factor, 10.0**-decimals * factor, bound)
 
 
 def sampling_step(rate: float, where: str) -> float:
@@ -196,56 +99,25 @@ def sampling_step(rate: float, where: str) -> float:
     return 1.0 / rate
 
 
-def read_columns(
-    path: Path, rows: list[tuple[int, list[str]]], columns: dict[str, int], width: int | None = None
-) -> dict[str, np.ndarray]:
-    """Parse numbered rows of cells into columns of finite numbers.
-
-    Parameters
-    ----------
-    rows : list of (line number, cells)
-    columns : dict of name to column, from 0
-    width : int, optional
-        Exact number of cells that every row must have; otherwise enough for ``columns``.
-
-    Returns
-    -------
-    dict of str to (n_rows,) float64
-
-    Raises
-    ------
-    ReadError
-        Naming line and column, if a cell is missing, not a number or not finite.
-    """
-    if len(rows) < 2:
-        raise ReadError(f"{path}: expected at least two rows of samples, found {len(rows)}")
-    needed = max(columns.values()) + 1
-    for line, cells in rows:
-        if len(cells) < needed or (width is not None and len(cells) != width):
-            raise ReadError(
-                f"{path}, line {line}: expected {width or needed} columns, found {len(cells)}"
-            )
-    return {name: _column(path, rows, name, column) for name, column in columns.items()}
-
-
 def uniform_step(
-    path: Path, times: np.ndarray, lines: list[int], rate: float | None = None
+    path: Path, times: np.ndarray, lines: list[int], rate: float | None = None, digit: float = 0.0
 ) -> float:
-    """Return the sampling interval of a time column, checked for gaps and the stated rate."""
+    """Return the sampling interval of a time column, checked for gaps and the stated rate.
+
+    Times printed in steps of ``digit`` s may lie within half of it off a regular grid.
+    """
     growth = (times[-1] - times[0]) / (len(times) - 1)
     if growth <= 0.0:
         raise ReadError(f"{path}, line {lines[-1]}: time must grow, got {times[-1]:g} s")
-    dt = sampling_step(1.0 / growth, f"{path}, time column")
-    offset = np.abs(times - times[0] - growth * np.arange(len(times)))
-    slack = max(0.5 * dt, 1.01e-3 if rate else 0.0)
-    if np.max(offset) > slack:
+    growth, odd = regular_step(times, max(digit, 2e-3 if rate else 0.0))
+    if odd is not None:
         steps = np.diff(times)
-        usual = float(np.median(steps))
-        odd = int(np.argmax(np.abs(steps - usual)))
         raise ReadError(
-            f"{path}, line {lines[odd + 1]}: time must grow by equal steps of {usual:.6g} s, here "
-            f"it grows by {steps[odd]:.6g} s"
+            f"{path}, line {lines[odd]}: time must grow by equal steps of "
+            f"{float(np.median(steps)):.6g} s, here it grows by {steps[odd - 1]:.6g} s; where the "
+            "column is rounded, give sampling_rate_hz by a mapping"
         )
+    dt = sampling_step(1.0 / growth, f"{path}, time column")
     if rate is None:
         return dt
     if abs(growth * rate - 1.0) > 0.01 + 1e-3 * rate / len(times):
@@ -260,25 +132,6 @@ def common_velocity_factor(symbols: list[str], where: str) -> float:
     if len({symbol.lower() for symbol in symbols}) > 1:
         raise InputError(f"{where}: components must share one unit, got {', '.join(symbols)}")
     return velocity_factor(symbols[0], where)
-
-
-def _column(path, rows, name, column):
-    """Parse one column; its decimal mark is inferred from all cells."""
-    texts = [cells[column] for _, cells in rows]
-    decimal = "," if any("," in text for text in texts) else "."
-    try:
-        values = np.array([float(text.replace(decimal, ".").replace("_", "?")) for text in texts])
-    except ValueError:
-        values = None
-    mixed = decimal == "," and any("." in text for text in texts)
-    if values is not None and np.all(np.isfinite(values)) and not mixed:
-        return values
-    return np.array(
-        [
-            number(text, f"{path}, line {line}, column '{name}'", decimal)
-            for (line, _), text in zip(rows, texts, strict=True)
-        ]
-    )
 
 
 TOLERANCE = 0.01
@@ -393,6 +246,28 @@ def _overshoot(flank, level, length):
     return (far - near) / reach * 0.5 * (length + 1) - near
 
 
+LONE, FEWEST = 20.0, 50  # ratio to the largest of all other samples; samples of a record
+
+
+def lone_spike(samples: np.ndarray) -> int | None:
+    """Return the first sample of a level that no motion reaches in one step, None if there is none.
+
+    Such a level exceeds all others of a record ``LONE`` times: a mark of missing samples.
+
+    Examples
+    --------
+    >>> motion = np.sin(np.linspace(0.0, 20.0, 200))
+    >>> lone_spike(motion), lone_spike(np.where(np.arange(200) == 7, -999.9, motion))
+    (None, 7)
+    """
+    size = np.abs(samples)
+    top = float(np.max(size))
+    others = size[size < top * (1.0 - PLATEAU_MARGIN)]
+    if len(size) < FEWEST or not len(others) or not 0.0 < np.max(others) < top / LONE:
+        return None
+    return int(np.argmax(size))
+
+
 def is_dead(samples: np.ndarray) -> bool:
     """Return whether a channel is dead: all samples equal."""
     return bool(np.all(samples == samples[0]))
@@ -447,19 +322,8 @@ def constant_offset(samples: np.ndarray) -> float:
 
 
 REFERENCE_PRESSURE = 20e-6  # Pa, of decibels in air
-_DECIBELS = ("db", "dbl", "dblin", "dblinear", "dbz")
+_DECIBELS = ("db", "dbl", "dblin", "dblinear", "dbz", "dbspl")
 _PRESSURES = {"psi": 6894.757293168, "mbar": 100.0, "mb": 100.0, "hpa": 100.0, "bar": 1e5}
-
-
-def plain_word(text: str) -> str:
-    """Write a title in lower case without accents, blanks and signs: "Höhe [m]" is "hohem"."""
-    spread = unicodedata.normalize("NFKD", text.replace("ı", "i").replace("ł", "l").casefold())
-    return "".join(c for c in spread if c.isalnum())
-
-
-def is_pressure(text: str) -> bool:
-    """Tell whether a text is a unit of air overpressure, decibels included."""
-    return plain_word(text) in (*_DECIBELS, *_PRESSURES, "pa", "kpa")
 
 
 def overpressure(samples: np.ndarray, unit: str, where: str) -> np.ndarray:
@@ -478,7 +342,7 @@ def overpressure(samples: np.ndarray, unit: str, where: str) -> np.ndarray:
     ReadError
         If the unit is none of pressure.
     """
-    plain = plain_word(unit.split("(")[0]) if unit.lower().startswith("pa") else plain_word(unit)
+    plain = plain_word(unit.split("(")[0])  # (L), linear weighting, changes nothing
     if plain in _DECIBELS:
         return REFERENCE_PRESSURE * 10.0 ** (samples / 20.0)
     factor = _PRESSURES.get(plain) or {"pa": 1.0, "kpa": 1e3}.get(plain)

@@ -9,10 +9,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..errors import InputError, PyblastWarning, ReadError
+from ..readers.cells import Cells, cells_of, is_workbook, read_bytes
 from ..readers.provenance import ReadLog
 from ..signals.seismogram import BLAST_AXES, GEOGRAPHIC, Seismogram
-from .hand_tables import is_workbook, read_hand_table, recognises_hand_table, sheet_lines
 from .raw import (
+    LONE,
     MAX_FILE_BYTES,
     RawRecord,
     at_level,
@@ -20,22 +21,13 @@ from .raw import (
     clipped_samples,
     constant_offset,
     decibels,
-    decode_lines,
     is_dead,
+    lone_spike,
     plateau_level,
-    read_bytes,
-    refuse_sheet,
 )
 from .segy import read_segy
 from .seismic import check_bytes, deconvolve, read_seg2, read_traces, sniff_seismic, station_records
-from .tables import (
-    TEXT_FORMATS,
-    TextFormat,
-    read_generic,
-    read_mapped,
-    recognises_generic,
-    refuse_histogram,
-)
+from .tables import TEXT_FORMATS, read_motion, recognises_motion, refuse_histogram
 
 if TYPE_CHECKING:
     from obspy import UTCDateTime
@@ -45,13 +37,8 @@ __all__ = [
     "remove_response",
 ]  # fmt: skip
 FASTEST_GROUND = 1e3
-_TEXT_ROWS = {
-    **TEXT_FORMATS,
-    "CSV": TextFormat(recognises_generic, read_generic),
-    "HAND_TABLE": TextFormat(recognises_hand_table, read_hand_table),
-}
 _STATION_FORMATS = ("MSEED", "SAC", "GSE2")
-FORMATS = (*_TEXT_ROWS, "MAPPED", *_STATION_FORMATS)
+FORMATS = (*TEXT_FORMATS, "CSV", "MAPPED", *_STATION_FORMATS)
 
 
 @dataclass(frozen=True, eq=False)
@@ -176,8 +163,8 @@ def read_recording(
     paths = [Path(path)] if isinstance(path, (str, Path)) else [Path(item) for item in path]
     data = [read_bytes(item, max_bytes) for item in paths]
     log = ReadLog() if log is None else log
-    lines = _text_lines(paths[0], data[0], sheet)
-    format = _choose_format(paths[0], data[0], lines, format, mapping)
+    cells = _cells(paths[0], data[0], sheet)
+    format = _choose_format(paths[0], data[0], cells, format, mapping)
     if format in _STATION_FORMATS:
         entries = [log.file(item, format) for item in paths]
         traces = [
@@ -193,14 +180,13 @@ def read_recording(
     elif len(paths) > 1:
         raise InputError(f"{paths[1]}: only one-channel files can be read together")
     else:
-        lines = decode_lines(paths[0], data[0]) if lines is None else lines
-        refuse_histogram(paths[0], lines)
-        reader = _TEXT_ROWS.get(format)
+        cells = cells_of(paths[0], data[0]) if cells is None else cells
+        refuse_histogram(paths[0], cells.lines)
+        reader = TEXT_FORMATS.get(format)
         if reader is not None:
-            raws = [reader.read(paths[0], lines)]
+            raws = [reader.read(paths[0], cells.lines, log)]
         else:
-            assert mapping is not None  # by _choose_format
-            raws = [read_mapped(paths[0], lines, mapping)]
+            raws = [read_motion(paths[0], cells, mapping, log)]
     return [_recording(paths[0], raw, bearing, full_scale) for raw in raws]
 
 
@@ -271,15 +257,14 @@ def remove_response(recording: Recording, response: str | Path | dict) -> Record
     )
 
 
-def _text_lines(path, content, sheet):
-    """Return the lines of a sheet of a workbook or of text, None for seismological formats."""
-    if is_workbook(content):
-        return sheet_lines(path, content, sheet)
-    refuse_sheet(path, sheet)
-    return decode_lines(path, content) if sniff_seismic(content) is None else None
+def _cells(path, content, sheet) -> Cells | None:
+    """Return the cells of a workbook or of text, None for seismological formats."""
+    if sniff_seismic(content) is None or is_workbook(content) or sheet is not None:
+        return cells_of(path, content, sheet)
+    return None
 
 
-def _choose_format(path, content, lines, format, mapping):
+def _choose_format(path, content, cells, format, mapping):
     """Return the format of a file by its content, checked against the requested one."""
     if format is not None and format not in FORMATS:
         raise InputError(f"format: must be one of {', '.join(FORMATS)}, got '{format}'")
@@ -291,10 +276,11 @@ def _choose_format(path, content, lines, format, mapping):
     if detected in ("SEG2", "SEGY"):
         raise InputError(f"{path}: is a gather ({detected}), read it with read_gather")
     if detected is None:
-        head = (lines or [])[:60]
+        head = [] if cells is None else cells.lines[:60]
         detected = next(
-            (name for name, row in _TEXT_ROWS.items() if head and row.recognises(head)), None
+            (name for name, row in TEXT_FORMATS.items() if head and row.recognises(head)), None
         )
+        detected = detected or ("CSV" if recognises_motion(head) else None)
     if detected is None:
         raise ReadError(f"{path}: is none of {', '.join(FORMATS)}; describe a table by a mapping")
     if format not in (None, detected):
@@ -344,14 +330,19 @@ def _refuse_nonsense(path, raw, full_scale):
     """Raise ReadError for impossible velocities, caused by a wrong unit or byte order."""
     if full_scale is not None and not 0.0 < full_scale < np.inf:
         raise InputError(f"{path}: full scale must be positive, got {full_scale:g} m/s")
-    if raw.unit == "counts":
-        return
-    for name, samples in raw.channels.items():
+    for name, samples in raw.channels.items() if raw.unit != "counts" else ():
         peak = int(np.argmax(np.abs(samples)))
         if abs(samples[peak]) > FASTEST_GROUND:
             raise ReadError(
                 f"{path}, {name}, sample {peak}: {samples[peak]:g} m/s is faster than "
                 "any ground, check unit and byte order"
+            )
+    for name, samples in raw.channels.items():
+        if (lone := lone_spike(samples)) is not None:
+            raise ReadError(
+                f"{path}, {name}, sample {lone}: {samples[lone]:g} stands alone, more than "
+                f"{LONE:g} times the largest of the others: a mark of a missing sample, such as "
+                "9999; cut the file there"
             )
 
 

@@ -2,8 +2,9 @@
 
 import struct
 from collections.abc import Sequence
-from dataclasses import dataclass
+from datetime import datetime, timedelta
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -18,24 +19,12 @@ _IBM = 1
 _TEXT, _HEAD, _TRACE = 3200, 400, 240
 _MEASURES = {1: "m", 2: "ft"}
 _ORDER_MARK = 0x01020304
-_LARGEST = 5e8  # samples
 
 
-@dataclass(frozen=True)
-class Layout:
-    """Layout of a SEG-Y file: where the traces begin and end, and what their samples are.
+class Layout(NamedTuple):
+    """Layout of a SEG-Y file: order ">" or "<", code of samples, starts and counts of traces.
 
-    Parameters
-    ----------
-    order : str
-        ">" or "<".
-    code : int
-        Of the sample format.
-    starts : (n_traces,) int
-        Byte of each trace header.
-    n_samples : (n_traces,) int
-    fixed : bool
-        Whether the file says that all traces are alike, so that trace headers need not agree.
+    ``fixed``: the file says that all traces are alike, so that trace headers need not agree.
     """
 
     order: str
@@ -157,8 +146,6 @@ def read_segy(path: Path, content: bytes, entry: FileRead) -> dict:
     if len(set(plan.n_samples)) > 1:
         raise ReadError(f"{path}: channels differ in number of samples or sampling rate")
     n_samples = int(plan.n_samples[0])
-    if len(heads) * n_samples > _LARGEST:
-        raise ReadError(f"{path}: holds {len(heads) * n_samples:.3g} samples, cut it")
     others = {head["n_samples"] for head in heads} - {0, n_samples}
     if others:
         entry.remark(f"trace headers say {min(others)} samples, file and length {n_samples}")
@@ -172,21 +159,17 @@ def read_segy(path: Path, content: bytes, entry: FileRead) -> dict:
     if len(delays) > 1:
         raise ReadError(f"{path}: channels start at different times: {sorted(delays)} ms")
     receivers, source = _positions(content, plan, heads, entry)
-    years = heads[0]["time"]
-    time = "{}-{:03d}T{:02d}:{:02d}:{:02d}".format(*years) if years[0] else ""
+    year, day, *clock = heads[0]["time"]
+    sensible = 0 < year < 2500 and 0 < day <= 366 and all(0 <= part < 60 for part in clock)
+    year += 0 if year >= 100 else 1900 if year > 30 else 2000
+    span = timedelta(days=day - 1, hours=clock[0], minutes=clock[1], seconds=clock[2])
+    time = f"{(datetime(year, 1, 1) + span).isoformat()}Z" if sensible else ""
     return {
         "data": data, "dt": _interval(path, content, plan, heads, entry), "time": time,
         "start": FACTORS["ms"] * delays.pop(), "receiver_positions": receivers,
         "source_position": source, "unit": "counts",
-        "header": {"textual": "SEGY", "text": _text(content)},
+        "header": {"textual": "SEGY"},
     }  # fmt: skip
-
-
-def _text(content):
-    """Return the text header, in ASCII or EBCDIC."""
-    raw = content[:_TEXT]
-    text = raw.decode("cp037" if raw[:1] in (b"\xc3", b"\x40", b"\x83") else "latin-1")
-    return "\n".join(text[k : k + 80].rstrip(" \0") for k in range(0, _TEXT, 80)).strip()
 
 
 def _trace_header(content, order, at):

@@ -4,17 +4,19 @@ import io
 import struct
 import warnings
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy.integrate import cumulative_simpson
 
 from ..errors import InputError, ReadError
+from ..readers.cells import read_bytes
 from ..readers.provenance import FileRead
 from ..units import FACTORS
 from .pieces import common_windows, leave_out, stretches_of
-from .raw import RawRecord, read_bytes
+from .raw import RawRecord
 from .segy import is_segy, layout
 
 if TYPE_CHECKING:
@@ -63,33 +65,34 @@ def _mseed_order(content, offset=0):
     return ">" if 1900 <= year <= 2500 else "<"
 
 
-def _mseed_bytes(content):
-    """Return where the last miniSEED record should end, from the record lengths."""
+def _mseed_records(content):
+    """Yield the start of each miniSEED record, and its end; None where that is not said."""
     offset = 0
     while offset + 48 <= len(content) and _is_mseed(content[offset : offset + 48]):
         order = _mseed_order(content, offset)
         at = offset + struct.unpack_from(order + "H", content, offset + 46)[0]
         if at + 8 > len(content):
-            return at + 8
+            yield offset, at + 8
+            return
         if struct.unpack_from(order + "H", content, at)[0] != 1000:
-            return 0
-        offset += 1 << min(content[at + 6], 62)
-    return offset
+            yield offset, None
+            return
+        end = offset + (1 << min(max(content[at + 6], 6), 62))
+        yield offset, end
+        offset = end
+
+
+def _mseed_bytes(content):
+    """Return where the last miniSEED record should end, from the record lengths."""
+    return max((end or 0 for _, end in _mseed_records(content)), default=0)
 
 
 def _blank_codes(content):
-    """Return miniSEED whose unset codes, NUL or 0xFF as some recorders write them, are blanks."""
-    mended, offset = bytearray(content), 0
-    while offset + 48 <= len(content) and _is_mseed(content[offset : offset + 48]):
+    """Return miniSEED whose codes hold blanks for NUL, 0xFF and other bytes that are no letters."""
+    mended = bytearray(content)
+    for offset, _ in _mseed_records(content):
         codes = content[offset + 8 : offset + 20]
-        mended[offset + 8 : offset + 20] = codes.replace(b"\xff", b" ").replace(b"\0", b" ")
-        at = (
-            offset
-            + struct.unpack_from(_mseed_order(content, offset) + "H", content, offset + 46)[0]
-        )
-        if at + 8 > len(content):
-            break
-        offset += 1 << min(max(content[at + 6], 6), 62)
+        mended[offset + 8 : offset + 20] = bytes(c if 32 <= c < 127 else 32 for c in codes)
     return bytes(mended)
 
 
@@ -158,8 +161,13 @@ def _refuse_broken_gse2(path, content):
             )
 
 
+def _is_seed(content):
+    """Recognise miniSEED, or a SEED volume, whose control headers stand before the data."""
+    return _is_mseed(content) or (content[:6].isdigit() and content[6:8] == b"V ")
+
+
 _MAGIC = {
-    "MSEED": _is_mseed,
+    "MSEED": _is_seed,
     "SEG2": lambda content: content[:2] in (b"\x55\x3a", b"\x3a\x55") and len(content) >= 32,
     "GSE2": lambda content: content[:5] == b"WID2 ",
     "SEGY": is_segy,
@@ -305,8 +313,10 @@ def station_records(
     for key in chosen:
         microphones = [t for k, group in air.items() if _station_of(k) == _station_of(key)
                        for t in group]  # fmt: skip
-        options = _Options(path, entry, unit, zero, orientations, key[2])
-        records += _station(stations[key], microphones, options)
+        group = stations[key]
+        where = f"{path}, station {group[0].stats.station or '(unnamed)'}"
+        axes = partial(_oriented, where, group, orientations=orientations)
+        records += _station(where, group, microphones, entry, axes, zero=zero, unit=unit)
     return records
 
 
@@ -347,49 +357,37 @@ def _unit_against(path, group, quantity, unit):
     return ""
 
 
-class _Options(NamedTuple):
-    """How the channels of a station are read."""
-
-    path: Path
-    entry: FileRead
-    unit: str | None
-    zero: Any
-    orientations: dict | None
-    quantity: str
-
-
-def _station(group, microphones, options):
-    """Return the records of one station: channels in their common times."""
-    first, unit = group[0].stats, options.unit or "m_per_s"
-    where = f"{options.path}, station {first.station or '(unnamed)'}"
+def _station(where, group, microphones, entry, axes, *, zero, unit):
+    """Return the records of one station: channels in their common times, turned to its axes."""
+    first, notes = group[0].stats, ()
     channels, dt = stretches_of(where, group)
-    notes: tuple[str, ...] = ()
-    factor = 1.0 if unit == "counts" else FACTORS[unit]
-    if options.unit is None and "sac" in first and first.sac.get("idep") == 7:
+    factor = 1.0 if unit == "counts" else FACTORS[unit or "m_per_s"]
+    if unit is None and "sac" in first and first.sac.get("idep") == 7:
         factor, note = _sac_velocity(where, group)
         notes = (note,)
+    integrate = unit != "counts" and quantity_of(group[0]) == "acceleration"
     origin, records = min(trace.stats.starttime for trace in group), []
-    for window in common_windows(where, channels, dt, options.entry):
+    for window in common_windows(where, channels, dt, entry):
         begin, names = origin + window.start, [part.name for part in window.stretches]
         samples, taken = {}, notes
         for n, name in enumerate(names):
             values = factor * window.samples(n, dt).astype(np.float64)
-            if options.quantity == "acceleration" and unit != "counts":
+            if integrate:
                 level = values.mean()
                 values = cumulative_simpson(values - level, dx=dt, initial=0.0)
                 note = f"integrated from acceleration less its mean of {level:.3g} m/s2"
                 taken = (*taken, f"{name} was {note}")
             samples[name.rpartition(".")[2]] = values
-        oriented = _oriented(where, samples, options.orientations)
-        ids = {} if options.orientations else dict(zip(oriented, names, strict=True))
+        oriented = axes(samples)
+        ids = {} if axes.keywords["orientations"] else dict(zip(oriented, names, strict=True))
         for component, name in zip(oriented, names, strict=True):
-            options.entry.column(component, name, unit, factor, rows=window.length)
+            entry.column(component, name, unit or "m_per_s", factor, rows=window.length)
         records.append(RawRecord(
             {str(name): values for name, values in oriented.items()}, dt,
-            0.0 if options.zero is None else begin - options.zero, first.station, first._format,
+            0.0 if zero is None else begin - zero, first.station, first._format,
             time=str(begin), header={"channels": ids}, notes=taken,
             unit="counts" if unit == "counts" else "m_per_s",
-            microphone=_microphone(where, microphones, begin, window.length, dt, options),
+            microphone=_microphone(where, microphones, begin, window.length, dt, entry, unit),
         ))  # fmt: skip
     return records
 
@@ -408,7 +406,7 @@ def _sac_velocity(where, group):
 _LEAST_NANOMETRES = 100.0  # a peak below is no velocity of a blast in nm/s
 
 
-def _microphone(where, traces, begin, length, dt, options):
+def _microphone(where, traces, begin, length, dt, entry, unit):
     """Return the air overpressure (length,) in Pa of the pressure channel of a station, or None."""
     if not traces:
         return None
@@ -416,15 +414,15 @@ def _microphone(where, traces, begin, length, dt, options):
     skip = round((begin - trace.stats.starttime) / dt)
     reason = (
         "there is another one" if len(traces) > 1
-        else "its samples are counts" if trace.data.dtype.kind == "i"
+        else "its samples are counts" if unit == "counts" or trace.data.dtype.kind == "i"
         else "it has another sampling rate" if abs(trace.stats.delta - dt) > 1e-9 * dt
         else "it does not cover the record" if skip < 0 or skip + length > trace.stats.npts
         else ""
     )  # fmt: skip
     if reason:
-        leave_out(where, options.entry, f"channel {trace.id} of pressure", reason)
+        leave_out(where, entry, f"channel {trace.id} of pressure", reason)
         return None
-    options.entry.column("overpressure", trace.id, "Pa", rows=length, why="no unit, Pa assumed")
+    entry.column("overpressure", trace.id, "Pa", rows=length, why="no unit, Pa assumed")
     return trace.data[skip : skip + length].astype(np.float64)
 
 
@@ -481,14 +479,24 @@ def _first_sentence(error):
     return " ".join(str(error).split()).split(". ")[0][:160]
 
 
-def _oriented(where, samples, orientations):
-    """Return east, north, vertical by the channel codes or by given orientations."""
+def _component(trace):
+    """Return the component of a channel by its code, else by azimuth and incidence of SAC."""
+    header = getattr(trace.stats, "sac", {})
+    azimuth, incidence = (header.get(key, np.nan) for key in ("cmpaz", "cmpinc"))
+    by_angles = {(0.0, 0.0): "vertical", (0.0, 90.0): "north", (90.0, 90.0): "east"}
+    code = SEED_COMPONENTS.get(trace.stats.channel[-1:].upper())
+    return code or by_angles.get((float(azimuth), float(incidence)))
+
+
+def _oriented(where, group, samples, *, orientations):
+    """Return east, north, vertical by the headers of the channels or by given orientations."""
     if orientations is None:
-        names = {code: SEED_COMPONENTS.get(code[-1:].upper()) for code in samples}
+        components = {trace.stats.channel: _component(trace) for trace in group}
+        names = {code: components[code] for code in samples}
         if None in names.values() or len(set(names.values())) < len(names):
             raise InputError(
-                f"{where}: channels {', '.join(samples)} must end in E, N, Z once "
-                "each, otherwise pass orientations (azimuth, dip)"
+                f"{where}: channels {', '.join(code or '(unnamed)' for code in samples)} must end "
+                "in E, N, Z once each, otherwise pass orientations (azimuth, dip)"
             )
         return {str(names[code]): values for code, values in samples.items()}
     if len(samples) != 3 or not set(samples) <= set(orientations):

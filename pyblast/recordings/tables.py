@@ -1,8 +1,7 @@
-"""Text exports of blast seismographs and plain CSV tables of motion."""
+"""Text exports of blast seismographs, and tables of motion."""
 
 import difflib
 import re
-import tomllib
 from collections.abc import Callable, Mapping
 from datetime import datetime
 from pathlib import Path
@@ -11,21 +10,35 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..errors import InputError, ReadError
-from ..units import FACTORS, split_key, to_si
+from ..readers.cells import (
+    Cells,
+    number,
+    read_columns,
+    split_line,
+    title_unit,
+    unit_name,
+    wanted_by,
+)
+from ..readers.provenance import ReadLog
+from ..readers.tables import (
+    NO_RULES,
+    Rules,
+    Table,
+    column_of,
+    head_of,
+    load_mapping,
+    rules_of,
+    table_of,
+)
+from ..units import split_key, to_si
 from .raw import (
     Printed,
     RawRecord,
     common_velocity_factor,
-    decode_lines,
-    number,
     overpressure,
     quantity,
-    read_bytes,
-    read_columns,
     sampling_step,
-    split_line,
     uniform_step,
-    unit_factor,
     velocity_factor,
 )
 
@@ -51,10 +64,10 @@ class TextFormat(NamedTuple):
     """Text format: a test of the first lines, and its reader."""
 
     recognises: Callable[[list[str]], bool]
-    read: Callable[[Path, list[str]], RawRecord]
+    read: Callable[[Path, list[str], ReadLog], RawRecord]
 
 
-def read_instantel_ascii(path: Path, lines: list[str]) -> RawRecord:
+def read_instantel_ascii(path: Path, lines: list[str], log: ReadLog) -> RawRecord:
     """Read the ASCII export of an Instantel Micromate or Minimate (quoted ``Key : Value``)."""
     titles = next((n for n, line in enumerate(lines) if _is_channel_row(line)), len(lines) - 1)
     header = {}
@@ -64,10 +77,10 @@ def read_instantel_ascii(path: Path, lines: list[str]) -> RawRecord:
             header.setdefault(" ".join(key.split()).rstrip(":"), value.strip())
     names = _channels(path, titles + 1, lines[titles].split(), _MICROPHONES)
     rows = [(n + 1, lines[n].split()) for n in range(titles + 1, len(lines))]
-    return _instantel(path, header, names, rows)
+    return _instantel(path, header, names, rows, log)
 
 
-def read_instantel_csv(path: Path, lines: list[str]) -> RawRecord:
+def read_instantel_csv(path: Path, lines: list[str], log: ReadLog) -> RawRecord:
     """Read the CSV export of Instantel THOR (``"Key","Value"`` rows, then a row of channels)."""
     delimiter = _delimiter(lines[0])
     header, titles, cells = {}, 0, []
@@ -82,10 +95,10 @@ def read_instantel_csv(path: Path, lines: list[str]) -> RawRecord:
     rows = [
         (n + 1, split_line(path, n + 1, lines[n], delimiter)) for n in range(titles + 1, len(lines))
     ]
-    return _instantel(path, header, names, rows)
+    return _instantel(path, header, names, rows, log, delimiter)
 
 
-def read_texcel(path: Path, lines: list[str]) -> RawRecord:
+def read_texcel(path: Path, lines: list[str], log: ReadLog) -> RawRecord:
     """Read a Texcel CSV: names, units, samples, and metadata beside the first rows."""
     table = [split_line(path, n, line) for n, line in enumerate(lines, 1)]
     titles = table[0][:8]
@@ -100,6 +113,7 @@ def read_texcel(path: Path, lines: list[str]) -> RawRecord:
     symbols = [table[1][column].strip("[]") for column in names.values()]
     factor = common_velocity_factor(symbols, f"{path}, line 2")
     columns = read_columns(path, list(enumerate(table[2:], 3)), {"Sample Time": 0, **names})
+    _log_columns(log, path, "Texcel export", names, symbols[0], factor, len(table) - 2)
     times = columns.pop("Sample Time")
     rate = header.get("Frequency [Hz]")
     rate = number(rate, f"{path}, 'Frequency [Hz]'") if rate else None
@@ -111,7 +125,7 @@ def read_texcel(path: Path, lines: list[str]) -> RawRecord:
     )  # fmt: skip
 
 
-def read_vibracord(path: Path, lines: list[str]) -> RawRecord:
+def read_vibracord(path: Path, lines: list[str], log: ReadLog) -> RawRecord:
     """Read a Vibracord CSV: ``"Key","Value"`` rows, then time, channels and vector sum."""
     header, titles, cells = {}, 0, []
     for titles, line in enumerate(lines):
@@ -133,6 +147,8 @@ def read_vibracord(path: Path, lines: list[str]) -> RawRecord:
     factor = common_velocity_factor([symbol for _, symbol in units.values()], where)
     rows = [(n + 1, split_line(path, n + 1, lines[n])) for n in range(titles + 1, len(lines))]
     columns = read_columns(path, rows, {"Time": 0, **wanted}, len(cells))
+    symbol = units["Channel 1"][1]
+    _log_columns(log, path, "Vibracord export", wanted, symbol, factor, len(rows))
     times, sums = columns.pop("Time"), columns.pop("Vector sum 1", None)
     rate = _required(path, header, "Sampling rate", "sps").value
     before = quantity(header.get("Pretrigger", ""), f"{path}, 'Pretrigger'", "s")
@@ -169,17 +185,29 @@ def _is_channel_row(line):
     return bool(line.strip()) and " :" not in line and not line.lstrip().startswith('"')
 
 
-def _instantel(path, header, names, rows):
+def _log_columns(log, path, kind, columns, unit, factor, rows):
+    """Add the columns of an export to the log."""
+    entry = log.file(path, kind)
+    for name, column in columns.items():
+        entry.column(name, f"column {column + 1}", unit, factor, rows=rows)
+    return entry
+
+
+def _instantel(path, header, names, rows, log, delimiter=","):
     """Return the raw record of either Instantel layout."""
     keys = {key.replace(" ", "").lower(): key for key in header}
     unit = header.get(keys.get("units"), "").split(" and")[0].split(";")[0].strip() or "mm/s"
     factor = velocity_factor(unit, f"{path}, '{keys.get('units', 'Units')}'")
     rate = _required(path, header, keys.get("samplerate", "Sample Rate"), "sps").value
     dt = sampling_step(rate, f"{path}, '{keys['samplerate']}'")
-    columns = read_columns(path, rows, names)
+    columns = read_columns(path, rows, names, delimiter=delimiter)
     pressure = columns.pop("microphone", None)
+    motion = {name: column for name, column in names.items() if name != "microphone"}
+    entry = _log_columns(log, path, "Instantel export", motion, unit, factor, len(rows))
     channels = {name: factor * values for name, values in columns.items()}
-    loud, notes = _instantel_pressure(path, header.get(keys.get("units"), ""), pressure)
+    loud, notes = _instantel_pressure(header.get(keys.get("units"), ""), pressure)
+    for note in notes:
+        entry.dropped("column of the microphone", note)
 
     def field(*spellings, unit="s"):
         key = next((keys[s] for s in spellings if s in keys), None)
@@ -208,13 +236,17 @@ def _instantel(path, header, names, rows):
     )  # fmt: skip
 
 
-def _instantel_pressure(path, units, samples):
-    """Return the samples of the microphone in Pa, and a note where its unit is not given."""
+def _instantel_pressure(units, samples):
+    """Return the samples of the microphone in Pa, and a note where its unit is not known."""
     unit = next(iter(re.split(r" and |;", units)[1:]), "").strip()
-    if samples is None or not unit:
-        note = "the unit of the microphone is missing in 'Units'; its channel is left out"
-        return None, () if samples is None else (note,)
-    return overpressure(samples, unit, f"{path}, 'Units'"), ()
+    if samples is None:
+        return None, ()
+    if not unit:
+        return None, ("the unit of the microphone is missing in 'Units'; its channel is left out",)
+    try:
+        return overpressure(samples, unit, "'Units'"), ()
+    except ReadError as error:
+        return None, (f"the channel of the microphone is left out: {error}",)
 
 
 def _printed(field, unit):
@@ -293,6 +325,7 @@ def _time_stamp(time, date):
     return ""
 
 
+MOTION = ("longitudinal", "transverse", "vertical", "east", "north")
 _MAPPING = {
     "delimiter": str, "decimal": str, "header_rows": int, "unit": str, "columns": dict,
     "time_column": (int, str), "time_unit": str, "sampling_rate": float, "pretrigger": float,
@@ -302,91 +335,122 @@ _KNOWN_KEYS = (
     *(key for key, kind in _MAPPING.items() if kind is not float),
     "sampling_rate_hz", "pretrigger_s", "full_scale_mm_per_s",
 )  # fmt: skip
-_DELIMITERS = (",", ";", "\t", " ", "|")
-_MAX_MAPPING_BYTES = 100_000
 
 
-def recognises_generic(lines: list[str]) -> bool:
-    """Return whether the first line after comments starts with ``time_`` and a unit."""
-    first = next((line for line in lines if not line.startswith("#")), "")
-    return re.match(r'\s*"?time_(s|ms)"?\s*[,;\t]', first) is not None
+def recognises_motion(lines: list[str]) -> bool:
+    """Return whether the first lines hold titles of time or motion in a known language."""
+    head = head_of(Cells("", lines), wanted_by("motion"))
+    titles = () if head is None else head.titles
+    return bool({wanted_by("motion").title(title).quantity for title in titles} & {"time", *MOTION})
 
 
-def read_generic(path: Path, lines: list[str]) -> RawRecord:
-    """Read ``time_s,east_m_per_s,...``: any subset of components, any velocity unit."""
-    first = next(n for n, line in enumerate(lines) if not line.startswith("#"))
-    delimiter = max(",;\t", key=lines[first].count)
-    titles = split_line(path, first + 1, lines[first], delimiter)
-    where = f"{path}, line {first + 1}"
-    columns, factors = {}, {}
-    for column, title in enumerate(titles):
-        stem, suffix = split_key(title.strip())
-        name = "time" if stem == "time" else COMPONENT_NAMES.get(stem.lower(), "")
-        if not name or name in columns:
-            raise InputError(
-                f"{where}: column '{title[:40]}' must be time or one component, "
-                "once, such as east_mm_per_s"
-            )
-        columns[name] = column
-        factors[name] = FACTORS[suffix] if name == "time" else velocity_factor(suffix, where)
-    rows = [
-        (n + 1, split_line(path, n + 1, lines[n], delimiter)) for n in range(first + 1, len(lines))
-    ]
-    values = read_columns(path, rows, columns, len(titles))
-    times = factors["time"] * values.pop("time")
-    dt = uniform_step(path, times, [line for line, _ in rows])
-    channels = {name: factors[name] * column for name, column in values.items()}
-    if not channels:
-        raise InputError(f"{where}: expected at least one component such as vertical_m_per_s")
-    return RawRecord(channels, dt, float(times[0]), path.stem, "CSV")
+def read_motion(
+    path: Path, cells: Cells, mapping: str | Path | None = None, log: ReadLog | None = None
+) -> RawRecord:
+    """Read a table of motion, such as ``Time (s);Long (mm/s);Tran (mm/s)``.
 
+    Parameters
+    ----------
+    path : Path
+    cells : Cells
+    mapping : str or Path, optional
+        TOML file: columns and units that titles don't say, delimiter, decimal mark, sampling.
+    log : ReadLog, optional
+        Takes what was read.
 
-def read_mapped(path: Path, lines: list[str], mapping: str | Path) -> RawRecord:
-    """Read a table by a mapping file: delimiter, decimal mark, columns, unit, sampling."""
-    rules = _load_mapping(Path(mapping))
-    delimiter, skipped = rules.get("delimiter", ","), rules.get("header_rows", 1)
-    rows = [
-        (n + 1, split_line(path, n + 1, lines[n], delimiter)) for n in range(skipped, len(lines))
-    ]
-    if rules.get("decimal", ".") == ".":
-        _refuse_commas(path, rows)
-    titles = (
-        split_line(path, skipped, lines[skipped - 1], delimiter)
-        if 0 < skipped <= len(lines)
-        else []
+    Raises
+    ------
+    ReadError, InputError
+        If the column of time, a component or a unit is missing, each by its name; if a component
+        appears twice, or a column of velocity has a title that is none of a component.
+    """
+    wanted = wanted_by("motion")
+    rules, own = (NO_RULES, {}) if mapping is None else _load_mapping(Path(mapping), wanted)
+    head = head_of(cells, wanted, rules)
+    if head is None:
+        raise ReadError(f"{path}: expected titles such as 'Time (s)', 'Vert (mm/s)', found none")
+    table = table_of(cells, head, wanted, rules, log, "table of motion")
+    _check_motion(path, table, head, own)
+    values = table.values
+    channels = {name: values[name] for name in MOTION if name in values}
+    rate, start, notes = (
+        own.get("sampling_rate"),
+        -abs(own.get("pretrigger", 0.0)),
+        list(table.notes),
     )
-    where = f"{mapping}"
-    wanted = {
-        COMPONENT_NAMES[key]: _column_index(where, key, column, titles)
-        for key, column in rules["columns"].items()
-    }
-    if "time_column" in rules:
-        wanted["time"] = _column_index(where, "time_column", rules["time_column"], titles)
-    values = read_columns(path, rows, wanted)
-    rate, start = rules.get("sampling_rate"), -abs(rules.get("pretrigger", 0.0))
-    if "time" in wanted:
-        times = unit_factor(rules.get("time_unit", "s"), f"{where}, time_unit") * values.pop("time")
-        dt = uniform_step(path, times, [line for line, _ in rows], rate)
-        start = start if "pretrigger" in rules else float(times[0])
+    if "time" in values:
+        digit = table.digits["time"]
+        dt = uniform_step(path, values["time"], table.lines, rate, digit)
+        start = start if "pretrigger" in own else float(values["time"][0])
+        if digit > 0.5 * dt:
+            notes.append(
+                f"times are rounded to {digit:g} s; taken as {1.0 / dt:.6g} samples a second"
+            )
     else:
-        dt = sampling_step(rules["sampling_rate"], f"{where}, sampling_rate_hz")
-    factor = velocity_factor(rules["unit"], f"{where}, unit")
+        dt = sampling_step(own["sampling_rate"], f"{mapping}, sampling_rate_hz")
+    pressure = values.get("microphone")
+    if pressure is not None:
+        pressure = overpressure(pressure, table.units["microphone"], str(path))
     return RawRecord(
-        {name: factor * column for name, column in values.items()}, dt, start,
-        rules.get("label", path.stem), rules.get("instrument", "mapped CSV"),
-        rules.get("serial", ""), rules.get("full_scale"), header={"mapping": str(mapping)},
+        channels, dt, start, own.get("label", path.stem),
+        own.get("instrument", "mapped CSV" if mapping else "CSV"), own.get("serial", ""),
+        own.get("full_scale"), time=table.instant, microphone=pressure,
+        header={"mapping": str(mapping)} if mapping else {},
+        notes=(*notes, *_axes_notes(table, channels)),
     )  # fmt: skip
 
 
-def _load_mapping(path):
-    """Read a mapping file; unknown keys are refused, quantities become SI."""
-    text = "\n".join(decode_lines(path, read_bytes(path, _MAX_MAPPING_BYTES)))
-    try:
-        table = tomllib.loads(text)
-    except (tomllib.TOMLDecodeError, RecursionError) as error:
-        raise InputError(f"{path}: expected TOML ({error})") from None
-    rules = {}
-    for key, value in table.items():
+def _check_motion(path, table: Table, head, own):
+    """Refuse a table without time or motion, with gaps, or with velocities that nothing names."""
+    if "time" not in table.values and "sampling_rate" not in own:
+        raise ReadError(
+            f"{path}, line {head.line}: the column of time is missing, such as 'Time (s)'; add it, "
+            "or give sampling_rate_hz by a mapping"
+        )
+    if not set(table.values) & set(MOTION):
+        raise ReadError(
+            f"{path}, line {head.line}: a column of motion is missing, such as 'Vert (mm/s)'; "
+            f"found only {', '.join(table.values)}"
+        )
+    if len(table.lines) < 2:
+        raise ReadError(f"{path}: expected at least two rows of samples, found {len(table.lines)}")
+    below = dict(enumerate(head.units))
+    others = [
+        text
+        for n, text in table.unread.items()
+        if (title_unit(text) or unit_name(below.get(n, ""))).endswith("_per_s")
+    ]
+    if others:
+        raise ReadError(
+            f"{path}, line {head.line}: {', '.join(others)[:120]} are velocities, too, and their "
+            "titles name no component; name the columns of one sensor by a mapping"
+        )
+    for name in ("time", *MOTION):
+        lost = np.flatnonzero(np.isnan(table.values.get(name, np.zeros(1))))
+        if len(lost):
+            raise ReadError(f"{path}, line {table.lines[lost[0]]}, column '{name}': is missing")
+
+
+def _axes_notes(table, channels):
+    """Return notes on components that the table lacks, and on axes named x, y and z."""
+    axes = ("east", "north", "vertical")
+    if {"longitudinal", "transverse"} & set(channels):
+        axes = ("longitudinal", "transverse", "vertical")
+    lacking = [name for name in axes if name not in channels]
+    notes = []
+    if lacking:
+        words = "columns for" if len(lacking) > 1 else "a column for"
+        notes.append(f"{words} {' and '.join(lacking)} missing; taken as not recorded")
+    titles = [c.source for c in table.entry.columns if c.quantity in ("east", "north")]
+    if any(re.search(r"(?i)'v?_?[xy]\b", title) for title in titles):
+        notes.append("x, y and z are taken as east, north and up; say otherwise by a mapping")
+    return notes
+
+
+def _load_mapping(path, wanted):
+    """Read a mapping file of a record; return its rules, and the other quantities in SI."""
+    own = {}
+    for key, value in load_mapping(path).items():
         stem = split_key(key)[0] if key not in _MAPPING else key
         if stem not in _MAPPING or (key == stem and _MAPPING[stem] is float):
             near = difflib.get_close_matches(key, _KNOWN_KEYS)
@@ -395,51 +459,31 @@ def _load_mapping(path):
         kind = (int, float) if _MAPPING[stem] is float else _MAPPING[stem]
         if not isinstance(value, kind) or isinstance(value, bool):
             raise InputError(f"{path}: {key} has the wrong type, got {value!r}"[:200])
-        rules[stem] = to_si(key, value)[1] if _MAPPING[stem] is float else value
-    _check_mapping(path, rules)
-    return rules
-
-
-def _check_mapping(path, rules):
-    """Raise InputError for an incomplete or inconsistent mapping."""
-    missing = [key for key in ("columns", "unit") if not rules.get(key)]
-    if missing:
-        raise InputError(f"{path}: expected '{missing[0]}', found none")
-    if "time_column" not in rules and "sampling_rate" not in rules:
-        raise InputError(f"{path}: expected 'sampling_rate_hz' or 'time_column', found neither")
-    if rules.get("delimiter", ",") not in _DELIMITERS:
-        raise InputError(
-            f"{path}: delimiter must be one of {_DELIMITERS}, got {rules['delimiter']!r}"
-        )
-    if rules.get("decimal", ".") not in (".", ","):
-        raise InputError(f"{path}: decimal must be '.' or ',', got {rules['decimal']!r}")
-    if rules.get("header_rows", 1) < 0:
-        raise InputError(f"{path}: header_rows must not be negative, got {rules['header_rows']}")
-    for key in rules["columns"]:
-        if key not in COMPONENT_NAMES:
+        own[stem] = to_si(key, value)[1] if _MAPPING[stem] is float else value
+    rows = own.get("header_rows", 1)
+    if rows < 0:
+        raise InputError(f"{path}: header_rows must not be negative, got {rows}")
+    columns = {}
+    for key, column in own.get("columns", {}).items():
+        stem, unit = split_key(key)
+        name = COMPONENT_NAMES.get(stem.lower(), stem)
+        if name not in (*MOTION, "time", "microphone"):
             raise InputError(f"{path}: columns.{key} must be a component such as transverse")
-
-
-def _column_index(where, key, column, titles):
-    """Return the index from 0 of a column given by title or by number from 1."""
-    if isinstance(column, str):
-        if column not in titles:
-            raise InputError(
-                f"{where}: {key} names column '{column}', the table has {', '.join(titles)[:120]}"
-            )
-        return titles.index(column)
-    if isinstance(column, bool) or not isinstance(column, int) or not 1 <= column <= 1000:
-        raise InputError(f"{where}: {key} must be a title or a column from 1, got {column!r}")
-    return column - 1
-
-
-def _refuse_commas(path, rows):
-    """Raise InputError for decimal commas if the mapping says decimal points."""
-    for line, cells in rows:
-        if any("," in cell for cell in cells):
-            raise InputError(
-                f"{path}, line {line}: found a decimal comma, the mapping says decimal = '.'"
-            )
+        columns[name] = column, unit or own.get("time_unit" if name == "time" else "unit", "")
+    if "time_column" in own:
+        columns["time"] = own["time_column"], own.get("time_unit", "s")
+    table = {key: own[key] for key in ("delimiter", "decimal") if key in own}
+    if "header_rows" in own:
+        table |= {"header": rows > 0, "skip_lines": max(rows - 1, 0)}
+    try:
+        for name, (column, unit) in columns.items():
+            units, known = wanted.quantities[name].units, unit_name(unit)
+            if unit and units != ("*",) and known not in units:
+                raise ReadError(f"{unit!r} is no unit of {name} that is known")
+            columns[name] = column_of(name, column), known if units != ("*",) else unit
+        return Rules(columns, rules_of({"table": table}, wanted).options if table else {}), own
+    except ReadError as error:
+        raise InputError(f"{path}: {error}") from None
 
 
 HEADERS = {  # names of these in the headers of recorders

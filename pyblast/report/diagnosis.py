@@ -427,6 +427,11 @@ def assumptions(diagnosis: Diagnosis, summary: dict) -> list[str]:
     if summary["data_quality"]["receivers_without_records"]:
         names = listed(summary["data_quality"]["receivers_without_records"])
         sentences.append(f"Receivers without records are not used: {names}.")
+    if case.near:
+        sentences.append(
+            f"Receivers so near a source that the mesh makes errors above 20 % (D38) are not used: "
+            f"{listed(case.near)}."
+        )
     if not summary["finished"]:
         sentences.append("The budget of runs ended before the search was complete.")
     return sentences

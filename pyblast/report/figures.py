@@ -2,6 +2,8 @@
 
 import base64
 import io
+import warnings
+from html import escape
 from math import ceil, cos, radians, sin
 
 import numpy as np
@@ -9,6 +11,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.colors import LogNorm, hsv_to_rgb, rgb_to_hsv, to_rgb
 from matplotlib.figure import Figure
+from matplotlib.text import Text
 from matplotlib.ticker import MaxNLocator
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
@@ -370,10 +373,27 @@ def _tidy(axis):
 
 
 def _uri(figure):
-    """Return a figure as data URI."""
+    """Return a figure as data URI; one that can't be drawn as a sentence that says so.
+
+    Texts, which may hold names of users, are drawn as they are: no sign of them is a formula.
+    """
+    for text in figure.findobj(Text):
+        text.set_parse_math("$" not in text.get_text())
     stream = io.BytesIO()
-    figure.savefig(stream, format="png", bbox_inches="tight", pad_inches=0.1)
+    try:
+        with warnings.catch_warnings():
+            warnings.filterwarnings("ignore", "Glyph .* missing from")
+            figure.savefig(stream, format="png", bbox_inches="tight", pad_inches=0.1)
+    except (ValueError, RuntimeError, ArithmeticError, LookupError, TypeError) as error:
+        return _sentence_image(f"This figure can't be drawn ({error})".split("\n")[0][:90])
     return "data:image/png;base64," + base64.b64encode(stream.getvalue()).decode()
+
+
+def _sentence_image(text):
+    """Return a sentence as a data URI of an image."""
+    image = f"""<svg xmlns="http://www.w3.org/2000/svg" width="700" height="40">
+<text x="8" y="24" font-family="sans-serif" font-size="14">{escape(text)}</text></svg>"""
+    return "data:image/svg+xml;base64," + base64.b64encode(image.encode()).decode()
 
 
 SUM = "vector sum"

@@ -119,6 +119,11 @@ def summary_lines(summary: dict) -> list[str]:
     ]
     if summary["skipped"]:
         lines.append(f"{len(summary['skipped'])} files are no records or can't be read")
+    lines += [
+        f"- {row['file']}: {row['reason']}"
+        for row in summary["skipped"]
+        if row["reason"] != "is no record"
+    ]
     return lines
 
 

@@ -87,6 +87,13 @@ def likeness(source: PointSource) -> tuple:
     return Hole, source.spread
 
 
+def _unit_step(n_steps):
+    """Return a history (n_steps, 1) of a step at the second step."""
+    step = np.ones((n_steps, 1))
+    step[0] = 0.0
+    return step
+
+
 def unit_loads(
     model: Model, source: PointSource, n_steps: int, dt: float
 ) -> list[tuple[float, dict[str, np.ndarray]]]:
@@ -97,8 +104,7 @@ def unit_loads(
     """
     collector = Loads()
     ADDERS[type(source)](collector, model, source)
-    step = np.ones((n_steps, 1))
-    step[0] = 0.0
+    step = _unit_step(n_steps)
     arrays = collector.arrays(dt * np.arange(n_steps))
     parts = []
     for number, width in enumerate(collector.widths):
@@ -506,16 +512,28 @@ def _from_receivers(model, prepared, numbers):
     table = np.zeros((len(each), len(nodes), 3))
     for row, load in zip(table, each, strict=True):
         np.add.at(row, np.searchsorted(nodes, load["load_node"]), load["load_vector"])
-    ends = [model.receivers[n // 3].position for n in numbers]
-    along = [np.eye(3)[n % 3] for n in numbers]
-    pushes = [PointForce(end, axis, NONE) for end, axis in zip(ends, along, strict=True)]
-    forces = _part_loads(replace(model, sources=pushes), prepared)
+    forces = [_receiver_loads(model, prepared, n) for n in numbers]
     pieces = [
         np.tensordot(motion[:, len(model.receivers) :], table, axes=([1, 2], [1, 2]))
         for motion in _unit_step_runs(prepared, forces, nodes)
     ]
     responses = np.concatenate(pieces).transpose(1, 2, 0)
     return [np.ascontiguousarray(response) for response in responses]
+
+
+def _receiver_loads(model, prepared, number):
+    """Return the loads of a unit step of force at a receiver, along one axis: its own weights."""
+    zone, local = locate(model.mesh, model.receivers[number // 3].position)
+    nodes = model.nodes.zone_nodes[zone[0]]
+    n_steps = prepared.n_steps + 1
+    return {
+        "load_node": nodes,
+        "load_vector": np.outer(model.nodes.shapes(local)[0], np.eye(3)[number % 3]),
+        "load_history": np.zeros(len(nodes), dtype=np.int32),
+        "load_delay": np.zeros(len(nodes)),
+        "load_member": np.full(len(nodes), -1, dtype=np.int32),
+        "history": _unit_step(n_steps),
+    }
 
 
 def _part_loads(model, prepared):

@@ -25,7 +25,7 @@ from ..mesh.mesh import locate, volumes
 from ..mesh.nodes import MOST, Nodes, stored
 from ..mesh.tetrahedra import shape_gradients
 from ..mesh.tetrahedra import volumes as tetrahedron_volumes
-from ..model.material import Elastic
+from ..model.material import PLASTIC, Elastic
 from ..model.model import Model
 from ..model.source import TimeFunction
 from .edge_springs import edge_arrays
@@ -174,17 +174,23 @@ def time_step(model: Model) -> Step:
 
 
 def zone_product(model: Model, mass: np.ndarray, active: np.ndarray | None = None) -> Product:
-    """Return a function that multiplies a motion (n_nodes, 3) by M^-1 K of linear zones, in 1/s2.
+    """Return a function that multiplies a motion (n_nodes, 3) by M^-1 K of its zones, in 1/s2.
 
     Of all zones, or of the ``active`` ones (n_zones,) bool of hexahedra. Given a rate in 1/s too,
-    it adds the rate times their stiffness damping.
+    it adds the rate times their stiffness damping. Ground that may yield counts as elastic, without
+    its patches, which only soften it: a product that yields is not linear.
 
     It is one step of the core from rest, without joints, loads and boundaries; springs that relax
     act in full, in hexahedra as moduli, without their memory.
     """
     alone = _no_contact()
-    plain = replace(model, single=False, mesh=replace(model.mesh, layer=None))
-    laws = zone_laws(model)
+    elastic = {
+        name: replace(rock, law=Elastic()) if rock.law.name in PLASTIC else rock
+        for name, rock in model.materials.items()
+    }
+    whole = replace(model.mesh, layer=None)
+    plain = replace(model, single=False, mesh=whole, materials=elastic)
+    laws = zone_laws(plain)
     relaxing = [group for group in model.mesh.groups if model.branches(group)]
     if relaxing and model.mesh.hexahedral:
         plain = replace(plain, materials=_unrelaxed(model, relaxing))

@@ -14,9 +14,15 @@ from ..model.model import Model
 from ..model.plane_wave import PlaneWave, add_plane_wave
 from ..model.source import AirBlast, Column, Hole, MomentTensor, PointForce, Pressure, TimeFunction
 from ..signals.seismogram import GEOGRAPHIC
-from .moment_density import deconvolved, moment_forces, source_radius
+from .moment_density import (
+    FEWEST_POINTS,
+    POINTS_IN_RADIUS,
+    deconvolved,
+    force_shares,
+    moment_forces,
+    source_radius,
+)
 
-FEWEST_POINTS, POINTS_IN_RADIUS = 4, 4  # of a column, where it does not say how many
 ROUNDED = 1e-12  # part of a moment tensor that is rounding
 PRESSURE_CUTS = 3  # subdivisions of each edge of a face for a travelling pressure
 # Arrival of a travelling pressure at a node: Gauss-Hermite weights and standard deviations.
@@ -98,14 +104,32 @@ def model_loads(model: Model, impedance: Callable[[str], dict[int, np.ndarray]])
             matrices = impedance(boundary.surface)
             nodes = np.fromiter(matrices, dtype=int)
             stack = np.stack(list(matrices.values())) * (2.0 if model.doubles(boundary) else 1.0)
-            for axis, function in enumerate(components(boundary)):
-                loads.add(nodes, stack[:, :, axis], loads.add_history(function))
+            _add_input(loads, boundary, nodes, stack, model.nodes.points[nodes])
     for source in model.sources:
         if isinstance(source, PlaneWave):
             add_plane_wave(loads, model, source, impedance)
         else:
             ADDERS[type(source)](loads, model, source)
     return loads
+
+
+def _add_input(loads, boundary, nodes, stack, points):
+    """Add the tractions of a stress input, impedances ``stack`` (n, 3, 3) in N s/m at nodes (n,).
+
+    theory.md (4.3), (5.18).
+    """
+    functions = components(boundary)
+    if boundary.fronts is None:
+        for axis, function in enumerate(functions):
+            loads.add(nodes, stack[:, :, axis], loads.add_history(function))
+        return
+    amplitude, delay, turn = boundary.fronts.at(points)
+    earliest = min(0.0, float(delay.min()))  # delays are not negative
+    numbers = [loads.add_history(function, -earliest) for function in functions]
+    for size, late, rotation in zip(amplitude, delay - earliest, turn, strict=True):
+        vectors = size[:, None, None] * (stack @ rotation)
+        for axis, number in enumerate(numbers):
+            loads.add(nodes, vectors[:, :, axis], number, late)
 
 
 def components(boundary: StressInput | VelocityInput) -> list[TimeFunction]:
@@ -135,11 +159,12 @@ def add_velocity_input(loads: Loads, boundary: VelocityInput, dt: float) -> list
 
 
 def _add_force(loads, model, source):
-    """Add a point force, distributed to the nodes of its zone; theory.md (5.3)."""
-    nodes = model.nodes
-    zone, weight = locate(model.mesh, source.position)
-    vectors = nodes.shapes(weight)[0][:, None] * np.asarray(source.direction, dtype=float)
-    loads.add(nodes.zone_nodes[zone[0]], vectors, loads.add_history(source.history))
+    """Add a point force, distributed to nodes; theory.md (5.3)."""
+    position = np.asarray(source.position, dtype=float)
+    zone = int(locate(model.mesh, position)[0][0])
+    nodes, shares = force_shares(model.nodes, zone, position)
+    vectors = shares[:, None] * np.asarray(source.direction, dtype=float)
+    loads.add(nodes, vectors, loads.add_history(source.history))
 
 
 def _add_hole(loads, model, hole):

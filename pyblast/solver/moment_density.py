@@ -1,20 +1,57 @@
 """Moment density: nodal forces of moment tensors over a sphere in place of a point."""
 
+from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
 
 from ..mesh import hexahedra, tetrahedra
 from ..mesh.faces import zone_of_face
-from ..mesh.mesh import Mesh, locate
+from ..mesh.mesh import Mesh, edge_lengths, locate
 from ..mesh.nodes import Nodes
 from ..mesh.spectral_nodes import SpectralNodes
 from ..model.model import Model
-from ..model.source import Hole, TimeFunction
+from ..model.source import Column, Hole, MomentTensor, PointForce, TimeFunction
 
 # Radius, where nothing is near, and least radius, beyond nearer faces the density is cut off: over
 # the shortest edge of hexahedra, over the mean edge of quadratic and linear tetrahedra.
-RADII = {"hexahedra": (0.6, 0.1), "quadratic": (0.8, 0.4), "linear": (1.2, 1.0)}
+RADII = {"hexahedra": (0.6, 0.1), "quadratic": (0.8, 0.4), "linear": (1.0, 1.0)}
+# Largest error measured at distances over the edge, of spheres and of those that a near surface
+# clips below 0.4 edges, off or on faces of elements: python -m verification.near_source.
+SMALLEST = 0.1  # the same of a radius that is given
+ERRORS = {
+    "hexahedra": (
+        (0.0, 0.15, 0.3, 0.45, 0.6, 0.75, 1.0, 1.25, 1.5),
+        (1.0, 0.93, 0.6, 0.2, 0.06, 0.05, 0.03, 0.015, 0.01),
+    ),
+    "hexahedra, column": (
+        (0.0, 0.3, 0.45, 0.6, 0.76, 0.98, 1.21, 1.5),
+        (1.0, 0.62, 0.45, 0.12, 0.12, 0.05, 0.02, 0.01),
+    ),
+    "hexahedra, shear": (
+        (0.0, 0.15, 0.45, 0.76, 0.98, 1.21, 1.5),
+        (1.0, 0.9, 1.0, 0.49, 0.19, 0.05, 0.01),
+    ),
+    "hexahedra, point": (
+        (0.0, 0.14, 0.33, 0.47, 0.62, 0.77, 0.98, 1.25, 1.5),
+        (0.6, 0.5, 0.5, 0.75, 0.75, 0.2, 0.04, 0.03, 0.01),
+    ),
+    "hexahedra, on a face": (
+        (0.0, 0.14, 0.33, 0.47, 0.77, 0.99, 1.22, 1.5),
+        (0.6, 0.5, 0.5, 0.65, 0.95, 0.53, 0.05, 0.01),
+    ),
+    "quadratic": (
+        (0.0, 0.3, 0.6, 0.8, 1.1, 1.6, 2.5),
+        (1.0, 0.88, 0.38, 0.15, 0.06, 0.04, 0.01),
+    ),
+    "quadratic, point": ((0.0, 0.5, 1.0, 1.6, 2.5), (1.0, 0.8, 0.2, 0.06, 0.01)),
+    "linear": ((0.0, 0.9, 1.8, 2.7, 3.6, 5.0), (1.0, 0.4, 0.2, 0.1, 0.05, 0.01)),
+}
+CLIPPED = 0.4  # radius over the edge, below which elements resolve it no better than a point
+FOR_ONE_PER_CENT = {"hexahedra": 0.83, "quadratic": 1.6, "linear": 5.0}  # distance over edge
+ON_FACE = 0.9  # reference coordinate from which on a source counts as on a face
+SMALL, TRUSTED = 0.01, 0.2  # errors that are not named, and that count as right
+FEWEST_POINTS, POINTS_IN_RADIUS = 4, 4  # of a column, where it does not say how many
 SHELLS, RINGS, MERIDIANS = 8, 8, 16  # of the quadrature over a sphere
 PASSED, STOPPED = 2.6, 5.2  # omega R/cp up to which, and from which on not, F is divided by
 RINGING = 8.0  # R/cp, after which the inverse of F has died away
@@ -35,21 +72,27 @@ def source_radius(
         That holds the position.
     position : (3,) float64, m
     given : float, m, optional
-        In place of 0.6 of the shortest edge of hexahedra, 0.8 or 1.2 of the mean edge of quadratic
+        In place of 0.6 of the shortest edge of hexahedra, 0.8 or 1 of the mean edge of quadratic
         or linear tetrahedra.
 
     Returns
     -------
     float, m
-        At most the distance to free surfaces, joints and other ground, at least 0.1 of the edge of
-        hexahedra, 0.4 or 1 of the mean edge of quadratic or linear tetrahedra.
+        At most the distance to free surfaces, joints and other ground. At least 0.1 of the edge of
+        hexahedra, 0.4 or 1 of the mean edge of quadratic or linear tetrahedra, 0.1 if given.
     """
     mesh = nodes.mesh
     edge = edge_at(mesh, zone)
-    kind = "hexahedra" if mesh.hexahedral else "quadratic" if nodes.quadratic else "linear"
-    usual, least = RADII[kind]
-    radius = usual * edge if given is None else given
+    usual, least = RADII[kind_of(nodes)]
+    radius, least = (usual * edge, least) if given is None else (given, SMALLEST)
     return float(max(min(radius, clearance(mesh, position, radius)), least * edge))
+
+
+def kind_of(nodes: Nodes | SpectralNodes) -> str:
+    """Return the kind of elements by which radii and errors are listed."""
+    if nodes.mesh.hexahedral:
+        return "hexahedra"
+    return "quadratic" if nodes.quadratic else "linear"
 
 
 def source_radii(model: Model) -> list[float] | None:
@@ -63,6 +106,102 @@ def source_radii(model: Model) -> list[float] | None:
         for zone, hole in zip(zones, holes, strict=True)
     ]
     return [min(radii), max(radii)]
+
+
+@dataclass(frozen=True)
+class NearReceiver:
+    """Receiver so near to a source that elements do not resolve the motion there.
+
+    Parameters
+    ----------
+    receiver : str
+    source : int
+        Number of the source in the model.
+    distance : float, m
+    edge : float, m
+        Longest edge of hexahedra at the source, mean edge of tetrahedra.
+    error : float
+        To expect, relative to the motion: what was measured in the worst of 26 directions.
+    edge_needed : float, m
+        For an error of 1 %.
+    """
+
+    receiver: str
+    source: int
+    distance: float
+    edge: float
+    error: float
+    edge_needed: float
+
+    @property
+    def trusted(self) -> bool:
+        """Whether the error to expect is at most `TRUSTED`."""
+        return self.error <= TRUSTED
+
+    @property
+    def work(self) -> float:
+        """Factor on the work of a run with edges of ``edge_needed`` throughout."""
+        return (self.edge / self.edge_needed) ** 4
+
+
+def near_receivers(model: Model) -> tuple[NearReceiver, ...]:
+    """Return the receivers where the distance to a source makes an error above 1 %.
+
+    Notes
+    -----
+    Inside of the sphere of a source the motion is too small, beside it the elements do not carry
+    its near field: docs/decisions.md, "Moments over a sphere". By the nearest source each.
+    """
+    points, numbers = _source_points(model)
+    if not len(points) or not model.receivers:
+        return ()
+    mesh, rows = model.mesh, []
+    zones, local = locate(mesh, points)
+    edges = edge_lengths(mesh)[zones]
+    edges = edges.max(axis=1) if mesh.hexahedral else edges.mean(axis=1)
+    for receiver in model.receivers:
+        away = np.linalg.norm(points - np.asarray(receiver.position, dtype=float), axis=1)
+        at = int(np.argmin(away / edges))
+        source = model.sources[numbers[at]]
+        kind = _kind_of_error(model.nodes, source, zones[at], points[at], edges[at], local[at])
+        error = float(np.interp(away[at] / edges[at], *ERRORS[kind]))
+        if error > SMALL:
+            needed = float(away[at] / FOR_ONE_PER_CENT[kind_of(model.nodes)])
+            row = receiver.name, numbers[at], float(away[at]), float(edges[at]), error, needed
+            rows.append(NearReceiver(*row))
+    return tuple(rows)
+
+
+def _kind_of_error(nodes, source, zone, point, edge, local):
+    """Return the name of a table of errors, of a source by the radius of its sphere."""
+    kind = kind_of(nodes)
+    if kind == "linear" or isinstance(source, PointForce):
+        return kind
+    if source_radius(nodes, zone, point, getattr(source, "spread", None)) < CLIPPED * edge:
+        on_face = kind == "hexahedra" and np.abs(local).max() > ON_FACE
+        return f"{kind}, on a face" if on_face else f"{kind}, point"
+    if kind == "hexahedra" and isinstance(source, Column):
+        return "hexahedra, column"
+    if kind == "hexahedra" and isinstance(source, MomentTensor):
+        rest = source.tensor - np.trace(source.tensor) / 3.0 * np.eye(3)
+        if np.abs(rest).max() > 0.1 * np.abs(source.tensor).max():
+            return "hexahedra, shear"
+    return kind
+
+
+def _source_points(model):
+    """Return the positions (n, 3) of the points of sources, and the number of their source."""
+    points, numbers = [], []
+    for number, source in enumerate(model.sources):
+        if isinstance(source, Column):
+            own = source.points(FEWEST_POINTS)[0]
+        elif isinstance(source, (Hole, MomentTensor, PointForce)):
+            own = np.reshape(np.asarray(source.position, dtype=float), (1, 3))
+        else:
+            continue
+        points.append(own)
+        numbers += [number] * len(own)
+    return np.concatenate([np.empty((0, 3)), *points]), numbers
 
 
 def edge_at(mesh: Mesh, zone: int) -> float:
@@ -170,6 +309,35 @@ def moment_forces(
     theory.md (5.15), (5.16). Where the sphere is cut off by the end of its ground, the weights are
     corrected to a sum of one and a first moment at the position.
     """
+    used, gradients = _averaged(nodes, zone, position, radius, flat, nodes.slopes)
+    return nodes.zone_nodes[used].ravel(), (gradients @ tensor).reshape(-1, 3)
+
+
+def force_shares(
+    nodes: Nodes | SpectralNodes, zone: int, position: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the shares of a force on nodes: shape functions, in hexahedra averaged over a sphere.
+
+    Returns
+    -------
+    nodes : (n,) int
+    shares : (n,) float64
+        Their sum is one. At the position alone where the sphere would be `CLIPPED`.
+
+    Notes
+    -----
+    theory.md (5.3). The density is that of second moment zero: the force radiates P and S.
+    """
+    radius = source_radius(nodes, zone, position)
+    if not nodes.mesh.hexahedral or radius < CLIPPED * edge_at(nodes.mesh, zone):
+        own, local = locate(nodes.mesh, position)
+        return nodes.zone_nodes[own[0]], nodes.shapes(local)[0]
+    used, shares = _averaged(nodes, zone, position, radius, True, lambda _, at: nodes.shapes(at))
+    return nodes.zone_nodes[used].ravel(), shares.ravel()
+
+
+def _averaged(nodes, zone, position, radius, flat, values):
+    """Return zones (n,) and the average of values of zones and local coordinates over a sphere."""
     mesh, position = nodes.mesh, np.asarray(position, dtype=float)
     offsets, weight = sphere_rule(flat)
     own = _own_ground(mesh, zone, position, radius)
@@ -181,11 +349,11 @@ def moment_forces(
         inside = np.zeros(1, dtype=bool)
     if not inside.all():
         weight = _corrected(weight, smooth, offsets)
-    gradients = weight[:, None, None] * nodes.slopes(zones, local)
+    each = values(zones, local)
+    each = each * weight.reshape(-1, *(1,) * (each.ndim - 1))
     order = np.argsort(zones, kind="stable")
     used, first = np.unique(zones[order], return_index=True)
-    summed = np.add.reduceat(gradients[order], first)
-    return nodes.zone_nodes[used].ravel(), (summed @ tensor).reshape(-1, 3)
+    return used, np.add.reduceat(each[order], first)
 
 
 def _corrected(weight, smooth, offsets):

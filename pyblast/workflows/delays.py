@@ -16,6 +16,7 @@ from ..planning import DelayPlan, FiringScatter, plan_delays, rows_pattern
 from ..project.inputs import make_firing, read_hole
 from ..project.project import Project, load_project
 from ..project.result import write_summary
+from ..project.validity import band_of, validity
 from ..report.delays import write_delay_report
 from ..runs.blast_ensemble import BlastSpectra, blast_spectra, signature_spectra
 from ..runs.greens import greens_functions
@@ -191,10 +192,31 @@ def _spectra(
             f"{project.path.name}: delays.houses: the motion of each hole there is unknown; record "
             "a single hole at each, or model the holes with [holes_inside]"
         )
+    _refuse_missing_band(project, names)
     model = replace(project.model, receivers=tuple(known[name] for name in names))
     bank = greens_functions(model, project.duration, folder=out / RUNS)
     spectra = blast_spectra(bank, model.sources, earliest=ends[0], latest=ends[1])
     return spectra, np.ones(len(model.sources)), np.flatnonzero(blast.charge)
+
+
+def _refuse_missing_band(project: Project, names: list[str]) -> None:
+    """Refuse delays by motion that the mesh does not carry to the houses."""
+    table, where = _settings(project)[0], f"{project.path.name}: delays.band_hz"
+    carried = {row.name: row.carried for row in validity(project) if row.name in names}
+    least = min(carried, key=lambda name: carried[name])
+    if table.band_hz is None:
+        band = band_of(project)
+        if not band.complete:
+            raise InputError(
+                f"{where}: missing, and the run holds {100 * band.energy_share:.2g} % of the "
+                f"energy of the blast, up to {band.carried:.3g} of {band.needed:.3g} Hz (finding "
+                "D40); refine the mesh, or give a band that it carries"
+            )
+    elif table.band_hz[1] > carried[least]:
+        raise InputError(
+            f"{where}: reaches to {table.band_hz[1]:g} Hz, the mesh carries "
+            f"{carried[least]:.3g} Hz at {least}; refine it or narrow the band"
+        )
 
 
 def _recorded(project: Project, earliest: float, latest: float) -> BlastSpectra:

@@ -13,6 +13,7 @@ from ..line_records.quality import odd_channels, sensor_response
 from ..line_records.shots import Decision, Shot, shot_of
 from ..line_records.waves import NEAREST, Picks, air_wave, phase_speeds, soft_layer
 from ..project.result import plain, write_summary
+from ..readers.provenance import ReadLog
 from ..recordings.recording import Recording
 from ..report.records import CLOSED_LISTS, LineView, write_records_report
 from ..signals.spectra import zero_crossing_frequency
@@ -98,7 +99,8 @@ def analyse_records(
         if band is not None and not 0.0 < band[0] < band[1]:
             raise InputError(f"{name} band: must rise from above 0 Hz, got {band[0]:g} {band[1]:g}")
     tell("records", 0, 1)
-    records, skipped = read_folder(folder, geometry)
+    log = ReadLog()
+    records, skipped = read_folder(folder, geometry, log)
     lines, refused = lines_of(records)
     results, views = [], []
     for number, line in enumerate(lines):
@@ -117,6 +119,7 @@ def analyse_records(
         "closed_lists": CLOSED_LISTS,
         "not_analysed": [row for row in results if "outcome" not in row],
         "seed": seed,
+        "inputs": log.table(),
         "provenance": versions(_hash(folder, records)),
     }
     tell("writing", 0, 1)

@@ -466,6 +466,7 @@ def compare_files(
     band: tuple[float, float] | None = None,
     bearing_deg: float | None = None,
     sheet: str | None = None,
+    unit: str | None = None,
 ) -> tuple[Comparison, Finding | None, list[str]]:
     """Compare a record with a receiver of a result file, or with another record.
 
@@ -483,12 +484,16 @@ def compare_files(
         component.
     sheet : str, optional
         Of the record, where it is a workbook.
+    unit : str, optional
+        Of both, where they are in a seismological format; see `read_recording`.
     """
     bearing = None if bearing_deg is None else math.radians(bearing_deg)
-    read = first_recording(recorded, read_recording(recorded, bearing=bearing, sheet=sheet))
+    read = first_recording(
+        recorded, read_recording(recorded, bearing=bearing, sheet=sheet, unit=unit)
+    )
     record, air = read.seismogram, _air_lines(recorded, read)
     if Path(simulated).suffix != ".h5":
-        other = first_recording(simulated, read_recording(simulated, bearing=bearing))
+        other = first_recording(simulated, read_recording(simulated, bearing=bearing, unit=unit))
         lines = air + _air_lines(simulated, other)
         return compare(record, other.seismogram, band), None, lines
     result = read_result(simulated)

@@ -175,21 +175,21 @@ def test_an_angle_without_datum_is_refused(table):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("", "empty"),
+        ("\n", "empty"),
         ("a,b\n1,2\n", "no known hole table; give a mapping"),
-        (f"{CENTRES}\n", "a header but no holes"),
-        (f"{CENTRES}\n1,2,3,4,5\n", r"line 2, column 6 \(delay_s\): the line has only 5 columns"),
+        (f"{CENTRES}\n", "a header but no rows"),
+        (f"{CENTRES}\n1,2,3,4,5\n", r"line 2, column 6 \(delay\): the line has only 5 columns"),
         (f"{CENTRES}\n1,2,x,4,5,6\n", r"line 2, column 3 \(y_m\): expected a number, got 'x'"),
-        (f"{CENTRES}\n1,2,1e999,4,5,6\n", "expected a number, got '1e999'"),
+        (f"{CENTRES}\n1,2,1e999,4,5,6\n", "expected a finite number, got '1e999'"),
         (f"{CENTRES}\n1,2,1_0,4,5,6\n", "expected a number, got '1_0'"),
-        (f"{CENTRES}\n1,2,,4,5,6\n", "line 2: y_m is missing"),
+        (f"{CENTRES}\n1,2,,4,5,6\n", "line 2: y is missing"),
         (f"{CENTRES}\n1,2,3,4,5,-6\n", "must not be negative"),
         (f"{CENTRES}\n1,2,3,4,-5,6\n", "charge: must be >= 0 kg"),
         (f"{CENTRES}\n1,2,3,4,5,6\n2,2,3,4,5,na\n", "no firing time for 1 holes: 2"),
-        (f"{CENTRES}\n1,2\x00,3,4,5,6\n", "zero bytes"),
+        (f"{CENTRES}\n1,2\x00,3,4,5,6\n", "line 2: expected text, found a NUL byte"),
         ("Hole ID,StartX,StartY,StartZ,EndX,Time\n1,2,3,4,5,6\n", "a toe needs x, y and z"),
         ("P,hole,1,0,0,1,0,0,0,165,prod,P:::9,0,red\n", "tied from P:::9"),
-        (f"{CENTRES}\n" + "1" * 200_000 + ",2,3,4,5,6\n", "field larger than field limit"),
+        (f"{CENTRES}\n" + "1" * 200_000 + ",2,3,4,5,6\n", "line 2: has 200010 characters"),
     ],
 )
 def test_a_broken_table_is_refused_with_file_and_place(table, text, message):
@@ -197,13 +197,11 @@ def test_a_broken_table_is_refused_with_file_and_place(table, text, message):
         read_blast(table(text))
 
 
-@pytest.mark.parametrize(("encoding", "message"), [
-    ("utf-16", "is UTF-16 text; save it as UTF-8"),
-    ("latin-1", "is not UTF-8 text .first at byte"),
-])  # fmt: skip
-def test_a_table_in_another_encoding_is_refused(table, encoding, message):
-    with pytest.raises(ReadError, match=message):
-        read_blast(table(f"{CENTRES}\n# Sprengung für §\n", encoding=encoding))
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16", "latin-1"])
+def test_a_table_is_read_in_the_encodings_of_spreadsheets(table, encoding):
+    blast = read_blast(table(f"{CENTRES}\nGänge 1,2,3,4,5,6\n", encoding=encoding))
+
+    assert blast.hole_ids == ("Gänge 1",)
 
 
 @pytest.mark.parametrize(("content", "message"), [
@@ -219,7 +217,7 @@ def test_another_kind_of_file_is_named_with_the_remedy(tmp_path, content, messag
 
 
 def test_an_absent_file_is_refused(tmp_path):
-    with pytest.raises(ReadError, match="can't be read"):
+    with pytest.raises(ReadError, match="expected a file, found none"):
         read_blast(tmp_path / "nothing.csv")
 
 
@@ -230,11 +228,11 @@ def test_an_absent_file_is_refused(tmp_path):
         ({"columns": {"x_m": "X"}, "colums": {}}, "unknown colums"),
         ({"columns": {"x": "X", "y_m": "Y", "z_m": "Z"}}, "columns.x is no quantity"),
         ({"columns": {"x_kg": "X", "y_m": "Y", "z_m": "Z"}}, "columns.x_kg is no quantity"),
-        ({"columns": {"x_m": "X", "y_m": "Y"}}, "columns.z_m is missing"),
+        ({"columns": {"x_m": "X", "y_m": "Y", "id": "Z"}}, r"missing columns: z \(m\)"),
         ({"columns": {"x_m": "X", "y_m": "Y", "z_m": "Q"}}, "asks for column 'Q'"),
         ({"columns": {"x_m": 1, "y_m": 2, "z_m": 9}}, "asks for column 9"),
         ({"columns": {"x_m": "X"}, "table": {"decimal": "x"}}, "table.decimal can't be 'x'"),
-        ("absent.toml", "mapping absent.toml: can't be read"),
+        ("absent.toml", "absent.toml: expected a file, found none"),
     ],
 )
 def test_a_wrong_mapping_is_refused(table, mapping, message):

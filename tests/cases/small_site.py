@@ -28,7 +28,7 @@ def small_site() -> Project:
     """Return a project of 120 x 90 x 60 m: a joint, two blasts, four receivers, no records."""
     times = np.arange(0.0, 0.1, 0.002)
     pulse = TimeFunction(np.sin(np.pi * times / 0.1) ** 2 * 6e10, 0.002, 0.0)
-    places = [(20.0, 70.0, 0.0), (80.0, 20.0, 0.0), (100.0, 60.0, 0.0), (110.0, 30.0, -20.0)]
+    places = [(15.0, 86.0, 0.0), (80.0, 20.0, 0.0), (100.0, 60.0, 0.0), (110.0, 30.0, -20.0)]
     blasts = {
         "S1": holes([[30.0, 30.0]], [10.0], [0.0]),
         "B1": holes([[30.0, 30.0], [34.0, 36.0], [38.0, 42.0]], [60.0] * 3, [0.0, 0.03, 0.06]),

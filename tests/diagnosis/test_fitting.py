@@ -54,19 +54,15 @@ def test_what_can_move_neither_way_has_no_derivative():
     assert not column(fitter(7.2, 6.9)).any()
 
 
-@pytest.mark.parametrize(("behind", "given_up"), [(0.0, False), (2.0, True)])
-def test_a_fit_ends_after_its_first_blast_if_a_rival_stays_better(behind, given_up):
+def test_a_fit_ends_early_if_a_rival_stays_better():
     scene, _, _, loud, _ = fits()
-    explained = np.minimum(loud.chi_square, 1.0)
-    ahead = 2.0 * behind * CLEARLY
-    rival = replace(loud, chi_square=explained, misfit=misfit_of(scene, explained) - ahead)
+    likelihood, explained = scene.baseline.likelihood, np.minimum(loud.chi_square, 1.0)
+    chi_square = explained.copy()
+    chi_square[1] = loud.chi_square[1]  # no better in the blast that is fitted first
+    better = replace(loud, chi_square=chi_square, misfit=float(likelihood.misfit_of(chi_square)))
+    ahead = replace(loud, misfit=float(likelihood.misfit_of(explained)) - 4.0 * CLEARLY)
 
-    fitted = fit(scene, (LOUD,), first=[1], rival=rival)
-
-    assert (fitted is None) == given_up
-
-
-def misfit_of(scene, chi_square):
-    """Return -2 ln L of chi-squares in blasts that are explained, and as fitted in the second."""
-    likelihood, loud = scene.baseline.likelihood, fits()[3]
-    return likelihood.misfit_of(chi_square, [0]) + likelihood.misfit_of(loud.chi_square, [1])
+    assert loud.misfit - better.misfit > 2.0 * CLEARLY
+    assert fit(scene, (LOUD,), first=[1], rival=loud) is not None
+    assert fit(scene, (LOUD,), first=[1], rival=better) is None
+    assert fit(scene, (LOUD,), first=[1], rival=ahead) is None

@@ -6,7 +6,7 @@ import pytest
 from pyblast.mesh.faces import face_vectors
 from pyblast.mesh.grid import SIDES, Fault, Geometry, JointSet, Layer
 from pyblast.mesh.hexahedral.mapped import Fine, NotMapped
-from pyblast.mesh.hexahedral.swept import arrangement, build, smoothed, upright
+from pyblast.mesh.hexahedral.swept import arrangement, build, sliding, smoothed, upright
 from pyblast.mesh.mesh import outer_faces, quality, volumes
 from pyblast.mesh.quality import explicit_work
 
@@ -189,15 +189,18 @@ def test_an_arrangement_merges_vertices_and_cuts_segments_at_each_other():
 
 def test_smoothing_lengthens_the_worst_corner_and_keeps_lines():
     points = np.array([[x, y] for y in (0.0, 1.0, 2.0) for x in (0.0, 1.0, 2.0)])
-    points[4] = [1.4, 1.2]
+    points[[1, 4]] = [1.3, 0.0], [1.4, 1.2]
     quads = np.array([[0, 1, 4, 3], [1, 2, 5, 4], [3, 4, 7, 6], [4, 5, 8, 7]])
-    sides = np.array([[0, 1], [1, 2], [2, 5], [5, 8], [8, 7], [7, 6], [6, 3], [3, 0]])
+    corners = np.concatenate([quads[:, [k, (k + 1) % 4, k - 1]] for k in range(4)])
+    sides = np.array([[0, 1], [1, 2], [6, 7], [7, 8], [0, 3], [3, 6], [2, 5], [5, 8]])
+    normals = np.repeat([[0.0, 1.0], [1.0, 0.0]], 4, axis=0)
 
-    better = smoothed(points, quads, sides, 1.0, fixed=[0, 2, 6, 8])
+    better = smoothed(points, corners, sliding(9, sides, normals), 1.0)
 
     assert better[4] == pytest.approx([1.0, 1.0], abs=1e-3)
     assert better[[0, 2, 6, 8]].tolist() == points[[0, 2, 6, 8]].tolist()
-    assert np.abs(better[[1, 7], 1] - points[[1, 7], 1]).max() < 1e-12
+    assert better[1] == pytest.approx([1.0, 0.0], abs=1e-3)
+    assert better[1, 1] == 0.0
 
 
 def test_zones_are_turned_so_that_their_third_axis_looks_up():

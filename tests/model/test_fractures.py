@@ -182,9 +182,10 @@ def test_what_can_not_be_cut_is_refused(make, message):
 @pytest.mark.parametrize(
     ("name", "text", "message"),
     [
-        ("a.csv", "x,y\n", "line 1: must be"),
-        ("a.csv", "fracture,x_m,y_m,z_m\np,1,2\n", "line 2: needs"),
+        ("a.csv", "x,y\n", "missing columns: z .m."),
+        ("a.csv", "fracture,x_m,y_m,z_m\np,1,2\n", "line 2, column 4"),
         ("a.csv", "x_m,y_m,z_m,dip_deg,dip_direction_deg,radius_m\n1,2,3,95,0,2\n", "line 2: dip"),
+        ("a.csv", "x_m;y_m;z_m\n1;2;3,5\n", "needs beside x_m,y_m,z_m the columns dip_deg"),
         ("c.fab", "BEGIN\n", "holds no block"),
         ("c.fab", FAB.replace("4 10 30 10\n", ""), "fracture . can't be read"),
         ("d.dxf", "0\nEOF\n", "holds no faces"),
@@ -195,3 +196,15 @@ def test_a_broken_file_of_fractures_is_refused(name, text, message, tmp_path):
 
     with pytest.raises(ReadError, match=message):
         read_fractures(tmp_path / name, "P")
+
+
+def test_discs_are_read_under_usual_titles_with_decimal_commas(tmp_path):
+    plain = "x_m,y_m,z_m,dip_deg,dip_direction_deg,radius_m\n1.5,2,3,60,90,2.5\n"
+    titles = "East;North;RL;Dip;Dip direction;Radius (m)\n1,5;2;3;60;90;2,5\n"
+    (tmp_path / "a.csv").write_text(plain)
+    (tmp_path / "b.csv").write_text(titles)
+
+    first, second = (read_fractures(tmp_path / name, "P")[0] for name in ("a.csv", "b.csv"))
+
+    np.testing.assert_allclose(first.polygon, second.polygon)
+    np.testing.assert_allclose(first.normal, [np.sin(np.pi / 3), 0.0, 0.5], atol=1e-12)

@@ -8,6 +8,7 @@ from small_site import TABLES
 
 from pyblast.config.config import check_config
 from pyblast.errors import InputError
+from pyblast.mesh.quality import explicit_work
 from pyblast.project.elements import NODES_FOR_ONE_PER_CENT, nodes_per_wavelength
 from pyblast.project.project import make_project
 
@@ -54,7 +55,7 @@ def test_a_box_with_a_fault_becomes_hexahedra_with_an_absorbing_layer(project):
 @pytest.mark.parametrize(
     ("mesh", "why"),
     [
-        ({"faults": [dipping(60, 90), dipping(60, 140, "J2")]}, "'J1' and 'J2' meet"),
+        ({"faults": [dipping(60, 90), dipping(60, 140, "J2")], "order": 6}, "'J1' and 'J2' meet"),
         ({"kind": "tetrahedra"}, "as mesh.kind asks for"),
         ({"grid_cells": [6, 4, 3], "edge_m": None}, "divides the box into tetrahedra"),
     ],
@@ -69,10 +70,43 @@ def test_what_stands_in_the_way_of_hexahedra_is_said(project, mesh, why):
 
 
 def test_hexahedra_that_can_not_be_are_refused_in_one_sentence(project):
-    one = project({"kind": "hexahedra", "faults": [dipping(60, 90), dipping(60, 140, "J2")]})
+    planes = [dipping(60, 90), dipping(60, 140, "J2")]
+    one = project({"kind": "hexahedra", "faults": planes, "order": 6})
 
     with pytest.raises(InputError, match=r"mesh\.kind: 'hexahedra' need .* 'J1' and 'J2' meet"):
         _ = one.mesh
+
+
+def test_faults_that_meet_are_cut_into_hexahedra_in_an_absorbing_layer(project):
+    planes = [dipping(60, 90), dipping(60, 140, "J2")]
+    one = project({"faults": planes, "edge_m": 25.0}, joints={"J1": TABLES["joints"]["J1"]})
+
+    assert one.ground.reason.startswith("hexahedra of order 3 of tetrahedra cut")
+    assert "because 'J1' and 'J2' meet in the box" in one.ground.reason
+    assert one.mesh.layer is not None
+
+
+def test_the_order_of_least_work_is_taken_where_planes_are_close(project):
+    planes = [dipping(60, 90) | {"through_m": [60.0, 45.0, 0.0]},
+              dipping(50, 270, "J2") | {"through_m": [66.0, 45.0, 0.0]}]  # fmt: skip
+    near = project({"faults": planes}, joints={"J1": TABLES["joints"]["J1"]})
+
+    assert near.mesh.order < 5
+    assert "swept along one direction" in near.ground.reason
+    given = project({"faults": planes, "order": 5}, joints={"J1": TABLES["joints"]["J1"]})
+    assert given.mesh.order == 5
+    assert explicit_work(near.mesh) < explicit_work(given.mesh)
+
+
+def test_receivers_do_not_change_the_ground(project):
+    faults = {"faults": [dipping(90, 40)], "edge_m": 20.0}
+    far = [{"name": n, "position_m": p} for n, p in (("A", [2.0, 3.0]), ("B", [119.0, 88.0]))]
+    one, more = project(faults), project(faults, receivers=far)
+
+    assert np.ptp(one.mesh.points, axis=0) == pytest.approx(
+        np.ptp(more.mesh.points, axis=0), abs=30
+    )
+    assert one.mesh.layer.depths(np.array([[0.0, 0.0, 0.0], [120.0, 90.0, 0.0]])).max() == 0.0
 
 
 def test_edges_follow_from_the_band_where_they_are_left_out(project):

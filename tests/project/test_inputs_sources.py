@@ -148,7 +148,7 @@ REFUSED = [
      "time_s,moment_rate_Nm_per_s", "moment_tensors[1]: "),
     ("no tensor", TENSOR.replace("[1, 2, 3, 4, 5, 6]", "[0, 0, 0, 0, 0, 0]"), "",
      "moment_tensors[1]: tensor must not be zero"),
-    ("wrong head", PRESSURE, "time_s,force_n", "line 1: must be time_s,pressure_pa or"),
+    ("wrong head", PRESSURE, "time_s,force_n", "line 1: missing columns: pressure (pa)"),
     ("air without holes", AIR.replace("50", "51"), "", "air_blast: needs [blast]"),
 ]  # fmt: skip
 

@@ -8,7 +8,7 @@ from small_project import INSIDE, written
 
 from pyblast.blasts.blast import Blast
 from pyblast.blasts.published_laws import BY_NAME, HARD_ROCK, plausible_ppv
-from pyblast.blasts.signature import moment_velocity
+from pyblast.blasts.signature import ground_peak
 from pyblast.errors import InputError
 from pyblast.model.material import Material
 from pyblast.project.inputs import input_band
@@ -32,6 +32,7 @@ from pyblast.project.level import (
     simulated_peaks,
     source_energy,
 )
+from pyblast.project.places import charge_depth
 from pyblast.project.project import load_project
 from pyblast.signals.seismogram import Seismogram
 
@@ -220,16 +221,16 @@ def peak_at(project, distance):
     """Return the velocity on the ground at a distance of one hole of the project, m/s."""
     inside, rock = project.inside, project.materials["rock"]
     rate = inside.unfiltered or inside.moment_rate
-    motion = moment_velocity(rate.values, rate.dt, distance, rock.density, rock.cp)
-    return 2.0 * 50.0 * np.abs(motion).max()
+    depth = charge_depth(project.config, project.blast)
+    return 50.0 * ground_peak(rate, distance, depth, rock)
 
 
 def test_without_a_level_the_hole_has_that_of_the_law_for_hard_rock_at_the_receivers(tmp_path):
     project = load_project(written(tmp_path, ("pressure_mpa = 100\n", ""), text=INSIDE))
 
     (receiver,) = project.config.receivers
-    middle = project.blast.centres[:, :2].mean(axis=0)
-    distance = math.dist(receiver.position_m[:2], middle)
+    middle, top = project.blast.centres.mean(axis=0), project.blast.collar[:, 2].mean()
+    distance = math.dist([*receiver.position_m, top][:3], middle)
     assert peak_at(project, distance) == pytest.approx(HARD_ROCK.ppv(distance, 50.0), rel=1e-9)
     assert finding_of(project.path) == ()
     assert level_rank(project)["rank_of_trust"] == 3
@@ -381,19 +382,19 @@ def test_a_moment_radiates_what_flows_through_a_far_sphere():
 
 
 def test_the_energy_of_a_hole_is_what_its_far_motion_carries(tmp_path):
-    """E = 4 pi density cp R^2 integral v^2 dt, v half of the level on the ground, far away."""
+    """E = 4 pi density cp R^2 integral v^2 dt, v = M''/(4 pi density cp^3 R) far away."""
     far = ("distance_m = 40", "distance_m = 2000")
     path = at_site(tmp_path, ALONE, ("peak_time_ms = 40", "frequency_hz = 8"))
     path.write_text(path.read_text().replace(*far))
     project = load_project(path)
-    peak = BY_NAME["AS 2187.2-1993"].ppv(2000.0, 50.0)
     rock, rate = project.materials["rock"], project.inside.moment_rate
-    slope = np.gradient(rate.values, rate.dt)
-    shape = rate.dt * float(np.sum((slope / np.abs(slope).max()) ** 2))
+    slope = 50.0 * np.gradient(rate.values, rate.dt)
+    motion = slope / (4.0 * math.pi * rock.density * rock.cp**3 * 2000.0)
 
     energy = source_energy(project)
 
-    carried = 4.0 * math.pi * rock.density * rock.cp * 2000.0**2 * (0.5 * peak) ** 2 * shape
+    square = rate.dt * float(np.sum(motion**2))
+    carried = 4.0 * math.pi * rock.density * rock.cp * 2000.0**2 * square
     assert project.inside.low_pass is None
     assert energy.put_in == pytest.approx(carried, rel=0.03)
     assert energy.explosive == pytest.approx(50.0 * 3.8e6)

@@ -63,9 +63,12 @@ def test_units_may_stand_in_the_row_below(tmp_path):
     [
         (["Long (mm/s)", "Tran (mm/s)"], "the column of time is missing"),
         (["Time (s)", "Temperature"], "a column of motion is missing"),
-        (["Time (s)", "Long"], "the unit of longitudinal is missing"),
-        (["Time", "Long (mm/s)"], "the unit of time is missing"),
-        (["Time (s)", "Vert (mm/s)", "V (mm/s)"], "columns 2 and 3 are both vertical"),
+        (["Time (s)", "Long"], "column 2 'Long' needs its unit, mm/s"),
+        (["Time", "Long (mm/s)"], "column 1 'Time' needs its unit, s or ms"),
+        (
+            ["Time (s)", "Vert (mm/s)", "V (mm/s)"],
+            r"column 2 'Vert .mm/s.' and column 3 'V .mm/s.' may both be",
+        ),
     ],
 )
 def test_what_is_missing_or_doubled_is_named(tmp_path, titles, message):

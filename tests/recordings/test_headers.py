@@ -272,6 +272,26 @@ def test_42_one_channel_files_of_a_station_are_one_record_by_their_starts(tmp_pa
     assert "XX.R01..GPZ begins late" in said
 
 
+def test_42_a_file_that_has_no_time_in_common_stays_a_record_of_its_own(tmp_path):
+    for name, start in (("a", 0.0), ("b", 0.01), ("c", 0.7)):
+        part = PULSE if name != "c" else PULSE[:20]
+        mseed(tmp_path / f"{name}.mseed", trace(part, "GPZ", start, station=f"R{name}"))
+
+    records, skipped = read_folder(tmp_path)
+
+    assert [record.channels for record in records] == [("Ra", "Rb"), ("Rc",)]
+    assert not skipped
+
+
+def test_16_a_pressure_channel_in_counts_is_no_overpressure(tmp_path):
+    path = mseed(tmp_path / "a", *(trace(PULSE, c) for c in ("GPE", "GPN", "GPZ", "HDF")))
+
+    (record,), said, _ = read(path, unit="counts")
+
+    assert record.overpressure is None
+    assert "its samples are counts" in said
+
+
 def test_42_pieces_in_any_order_and_equal_overlaps_are_joined(tmp_path):
     cuts = [(0, 400), (390, 800), (800, 1000)]
     parts = [trace(PULSE[a:b], f"GP{c}", DT * a + 0.3 * DT * (a > 0)) for c in "ENZ"
@@ -489,6 +509,18 @@ def test_segy_distances_stand_in_for_coordinates(tmp_path):
     (tmp_path / "a.sgy").write_bytes(segy(b37=("i", [-20, -10, 10, 20])))
 
     assert read_gather(tmp_path / "a.sgy").offsets.tolist() == [20.0, 10.0, 10.0, 20.0]
+
+
+@pytest.mark.parametrize(
+    ("fields", "time"),
+    [((2024, 60, 10, 11, 12), "2024-02-29T10:11:12Z"), ((99, 1, 0, 0, 0), "1999-01-01T00:00:00Z"),
+     ((0, 0, 0, 0, 0), ""), ((2024, 500, 0, 0, 0), "")],
+)  # fmt: skip
+def test_segy_says_when_it_was_recorded(fields, time, tmp_path):
+    named = {f"b{157 + 2 * n}": ("h", value) for n, value in enumerate(fields)}
+    (tmp_path / "a.sgy").write_bytes(segy(**named))
+
+    assert read_gather(tmp_path / "a.sgy").time == time
 
 
 @pytest.mark.parametrize("cut", [1, 100, 241])

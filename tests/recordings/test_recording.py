@@ -179,7 +179,7 @@ def test_single_channel_leaves_the_others_missing(tmp_path):
 
 def test_formats_offer_nothing_that_runs_code():
     assert set(FORMATS) == {
-        "INSTANTEL_ASCII", "INSTANTEL_CSV", "TEXCEL", "VIBRACORD", "CSV", "HAND_TABLE", "MAPPED",
+        "INSTANTEL_ASCII", "INSTANTEL_CSV", "TEXCEL", "VIBRACORD", "CSV", "MAPPED",
         "MSEED", "SAC", "GSE2",
     }  # fmt: skip
 

@@ -8,6 +8,7 @@ from small_project import CARRIED, written
 
 from pyblast import Seismogram
 from pyblast.project.result import read_result, write_csv
+from pyblast.report import figures
 from pyblast.report.figures import (
     limits_figure,
     peaks_of,
@@ -79,6 +80,13 @@ def test_figures_are_those_of_the_project_not_of_a_paper(page):
     assert len(images) == 7
     assert page.count('class="waveform"') == 3  # single hole, input, receiver
     assert all(base64.b64decode(image)[:8] == b"\x89PNG\r\n\x1a\n" for image in images)
+
+
+def test_the_page_says_what_was_read(page):
+    table = page[page.index("What was read") :]
+
+    assert "R1.csv" in table
+    assert "column 2 &#39;longitudinal_m_per_s&#39;" in table
 
 
 def test_links_within_the_page_lead_somewhere(page):
@@ -228,3 +236,29 @@ def test_the_a4_page_holds_what_an_inspector_asks_for(tmp_path):
     assert text.count('class="waveform"') == 1
     assert text == render_one_page(outcome.result)
     assert (outcome.folder / "report.html").stat().st_size < 6e6
+
+
+@pytest.mark.parametrize(
+    "name", ["House $3^$", "a_b^c $x$ $", "\\frac{$", "Prüf$ung$^{", "日本語 $"]
+)
+def test_signs_of_formulas_in_names_are_drawn_as_they_are(name):
+    figure = figures._figure(4, 3)
+    axes = figure.subplots()
+    axes.plot([1, 10], [1, 10], label=name)
+    axes.set_title(name)
+    axes.set_yticks([1, 2], [name, name])
+    axes.legend()
+
+    assert figures._uri(figure).startswith("data:image/png;base64,")
+
+
+def test_a_figure_that_can_not_be_drawn_costs_that_figure():
+    figure = figures._figure(4, 3)
+    figure.savefig = lambda *_, **__: 1 / 0
+
+    image = figures._uri(figure)
+
+    assert image.startswith("data:image/svg+xml;base64,")
+    assert b"can't be drawn (division by zero)" in base64.b64decode(image.split(",")[1]).replace(
+        b"&#x27;", b"'"
+    )

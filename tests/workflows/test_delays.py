@@ -11,6 +11,7 @@ from small_project import INSIDE, written
 
 from pyblast import Seismogram, load_project
 from pyblast.back_analysis.parameters import simulate
+from pyblast.errors import InputError
 from pyblast.project.result import write_csv
 from pyblast.signals.seismogram import BLAST_AXES
 from pyblast.workflows.delays import house_limits, optimise_delays
@@ -125,7 +126,8 @@ def test_superposition_needs_no_mesh(tmp_path, command):
 def test_holes_inside_shake_a_receiver_as_the_run_of_the_project_does(tmp_path):
     path = tmp_path / "project.toml"
     table = TABLE.replace("[0, 0]", "[5, 15]").replace("[20, 80]", "[0, 0]")
-    path.write_text(INSIDE + table + '[[delays.houses]]\nname = "house"\nlimit_mm_per_s = 1\n')
+    slow = INSIDE.replace("peak_time_ms = 40", "frequency_hz = 12")
+    path.write_text(slow + table + '[[delays.houses]]\nname = "house"\nlimit_mm_per_s = 1\n')
 
     told, _ = optimise_delays(path)
     run = simulate(load_project(path), (), [()])[0]["house"]
@@ -198,3 +200,16 @@ def test_a_mistake_is_one_sentence_and_exit_code_2(tmp_path, table, houses, said
     assert done.exit_code == 2
     assert said in done.stderr
     assert len(done.stderr.strip().splitlines()) == 1
+
+
+def test_delays_by_motion_that_the_mesh_does_not_carry_are_refused(tmp_path):
+    path, house = (
+        tmp_path / "project.toml",
+        '[[delays.houses]]\nname = "house"\nlimit_mm_per_s = 1\n',
+    )
+    fast = INSIDE.replace("peak_time_ms = 40", "frequency_hz = 60")
+
+    for band, words in (("", "the run holds"), ("band_hz = [5, 90]\n", "the mesh carries 2")):
+        path.write_text(fast + TABLE + band + house)
+        with pytest.raises(InputError, match=words):
+            optimise_delays(path)

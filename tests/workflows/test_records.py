@@ -169,9 +169,9 @@ def test_sensors_side_by_side_are_compared(tmp_path):
 @pytest.mark.parametrize(
     ("text", "match"),
     [
-        ("kind,name,x\n", r"line 1: needs the columns kind, name, x_m, y_m and takes z_m, file"),
+        ("kind,name,x\n", "line 1: missing columns: y .m."),
         (HEAD + "geophone,1,0,0\n", "line 2, kind: must be receiver or source, got 'geophone'"),
-        (HEAD + "receiver,1,0,north\n", "line 2, y_m: expected a number, got 'north'"),
+        (HEAD + "receiver,1,0,north\n", "line 2, column 4 .y_m.: expected a number"),
     ],
 )
 def test_a_wrong_table_of_places_is_refused(tmp_path, text, match):

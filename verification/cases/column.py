@@ -7,6 +7,7 @@ from pyblast.model.material import Material
 from pyblast.model.model import Model
 from pyblast.model.source import Column, TimeFunction
 from pyblast.solver.loads import model_loads
+from pyblast.solver.moment_density import response
 from verification.solutions.column import far_field, radiation
 from verification.suite import Curve, Reading, case
 
@@ -39,9 +40,11 @@ def sent(n):
     mesh = structured_box(shape, shape * edge, pattern="alternating")
     model = Model(mesh, {"rock": ROCK}, sources=[column])
     dt, omega = 1e-4, 2.0 * np.pi * FREQUENCY
-    loads = model_loads(model, None).arrays(dt * np.arange(2.0))
+    collected = model_loads(model, None)
+    loads = collected.arrays(dt * np.arange(2.0))
     late = np.exp(1j * omega * dt * loads["load_delay"])
-    forces = loads["load_vector"] * late[:, None]
+    divided = 1.0 / response(omega * np.array(collected.widths))[loads["load_history"]]
+    forces = loads["load_vector"] * (late * divided)[:, None]
     places = model.mesh.points[loads["load_node"]] - primed
     waves = [far_field(places, forces, *around(a), omega, ROCK) for a in AZIMUTHS]
     return np.moveaxis(waves, 1, 0)

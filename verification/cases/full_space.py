@@ -51,7 +51,7 @@ def exploded(per_wavelength, quadratic=False):
 
     def source(edge):
         rate = TimeFunction(0.125e9 * values, dt)
-        return Hole(np.full(3, 0.1 * edge), 1.0, 0.0, rate, spread=0.0)
+        return Hole(np.full(3, 0.1 * edge), 1.0, 0.0, rate, spread=0.1 * edge)
 
     planes = [Roller(side) for side in ("west", "south", "bottom")]
     record = octant(per_wavelength, ROCK.cp, pulse, source, planes, ABOVE, quadratic)

@@ -59,7 +59,7 @@ def explosion_beside(n):
     "Line explosion beside a frictionless plane",
     source="Cagniard's method, set-up of Day (1985)",
     gate="E",
-    tolerance={f"slip, {r:g} wavelengths": 0.05 for r in PLACES},
+    tolerance={f"slip, {r:g} wavelengths": 0.055 for r in PLACES},
     meshes=(10.0, 15.0, 22.5),
     unit="edges per S wavelength",
     order=0.9,
@@ -67,7 +67,8 @@ def explosion_beside(n):
     note="L2 norm of the difference over that of the slip. Two wavelengths along need 22.5 edges "
     "(the mesh slows what runs along the plane), one needs 15, half 10. Coulomb without friction "
     "or cohesion under 100 MPa: no shear is carried and ks is idle; kn of 20 shear moduli over the "
-    "edge hands normal motion on, 2 to 80 change the error by a twelfth",
+    "edge hands normal motion on, 2 to 80 change the error by a twelfth. The sphere of the source, "
+    "of one edge, is cut off at both sides, half an edge away",
 )
 def slipping_plane(n):
     """Compare the slip of the plane along it."""

@@ -84,6 +84,39 @@ def point_force(times, offset, direction, force, material, slope=1):
     return motion / (4.0 * np.pi * material.density)
 
 
+def moment(times, offset, tensor, rate, material):
+    """Return the velocity (n, 3) by a moment tensor whose rate is a `Bell` in N m/s.
+
+    Parameters
+    ----------
+    times : (n,) float, s
+    offset : (3,) float, m
+        From the source.
+    tensor : (3, 3) float
+    rate : Bell
+    material : Material
+
+    Notes
+    -----
+    Near, intermediate and far fields: Aki & Richards (2002), (4.29), differentiated in time.
+    """
+    distance = np.linalg.norm(offset)
+    ray = np.asarray(offset) / distance
+    traction, trace = tensor @ ray, np.trace(tensor)
+    along = ray * (ray @ traction)
+    p, s = distance / material.cp, distance / material.cs
+    delays = np.linspace(p, s, 401)
+    passing = delays * rate(times[:, None] - delays)
+    near = np.trapezoid(passing, delays, axis=1)
+    motion = np.outer(near, 15.0 * along - 3.0 * ray * trace - 6.0 * traction) / distance**4
+    middle = 6.0 * along - ray * trace - 2.0 * traction
+    motion += np.outer(rate(times - p), middle) / (material.cp * distance) ** 2
+    motion -= np.outer(rate(times - s), middle - traction) / (material.cs * distance) ** 2
+    motion += np.outer(rate(times - p, 1), along) / (material.cp**3 * distance)
+    motion -= np.outer(rate(times - s, 1), along - traction) / (material.cs**3 * distance)
+    return motion / (4.0 * np.pi * material.density)
+
+
 def force_spectrum(omega, offset, material):
     """Return displacement over force, (n, 3, 3) m/N, at angular frequencies, with e^(-i omega t).
 

@@ -16,6 +16,7 @@ from scipy.interpolate import LinearNDInterpolator, NearestNDInterpolator
 
 from ...errors import InputError
 from .. import hexahedra
+from ..faces import face_keys
 from ..grid import SIDES, Geometry
 from ..hexahedra import AbsorbingLayer
 from ..mesh import Mesh
@@ -24,10 +25,9 @@ from ..quality import explicit_work, refuse_beyond_memory
 LAYER_CELLS = 2  # of the absorbing layer
 LEAST_GAP = 0.15  # of an edge, at the narrow end between two planes, or a plane and a side
 NARROWING = 0.5  # narrow end over wide end from which the gap does not matter
-WIDE = 1.15  # largest cell at the wide end, over the wanted edge
 BELOW_SURFACE = 0.25  # of an edge, from the reference to the lowest ground
 STEEP = 0.3  # least component of the normal of a plane along the first axis
-SAME = 0.015  # of an edge: ends nearer than this to another plane lie on it
+SAME = 0.008  # of an edge: ends nearer than this to another plane lie on it
 PARALLEL = 1e-7  # sine of the angle between directions that count as parallel
 ROUND = 1e-9  # of the size: coordinates that count as equal
 LEAST_AREA = 1e-3  # of the square of the spacing, of a joint that cuts a corner of the box
@@ -232,6 +232,26 @@ def layer_beside(
     inner = np.where(opened, limits, [-np.inf, np.inf])
     inside, wide, axes = (tuple(map(tuple, part)) for part in (inner, width, frame))
     return AbsorbingLayer(inside, wide, axes)
+
+
+def between_zones(
+    surfaces: dict[str, np.ndarray], zones: np.ndarray, n: int
+) -> dict[str, np.ndarray]:
+    """Return surfaces of hexahedra with ``n`` nodes whose joints lie between two zones.
+
+    A face of two joints has the first. What follows a side of the mesh, to which a joint comes
+    near, is left out.
+    """
+    joints = [name for name in surfaces if name not in SIDES]
+    faces = np.concatenate([np.zeros((0, 4), dtype=np.int64), *(surfaces[n] for n in joints)])
+    owner = np.repeat(np.arange(len(joints)), [len(surfaces[name]) for name in joints])
+    keys, count = np.unique(
+        face_keys(zones[:, hexahedra.FACES].reshape(-1, 4), n), return_counts=True
+    )
+    own, first = np.unique(face_keys(faces, n), return_index=True)
+    first = np.sort(first[count[np.searchsorted(keys, own)] == 2])
+    distinct = {name: faces[first[owner[first] == k]] for k, name in enumerate(joints)}
+    return {**{side: surfaces[side] for side in SIDES}, **distinct}
 
 
 def merged(values: Sequence[float], ends: Sequence[float], tolerance: float) -> list[float]:
@@ -507,7 +527,7 @@ class _Grid:
             u, v = (next(f for f in self.family if f.x == x) for x in (first, second))
             widest = (v.at(self.corners) - u.at(self.corners)).max()
             if widest > (second - first) * (1.0 + ROUND):
-                return self.edge * WIDE * (second - first) / widest
+                return self.edge * (second - first) / widest
         return self.edge
 
     def _limits_of(self, part, axis):

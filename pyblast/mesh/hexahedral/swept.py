@@ -27,6 +27,7 @@ from .mapped import (
     NotMapped,
     Plane,
     Surface,
+    between_zones,
     divided,
     extent_along,
     layer_beside,
@@ -39,7 +40,7 @@ APART = 0.25  # of the thinnest layer or the spacing: largest distance of vertic
 TRIALS = 11  # positions of a side that may move, up to an edge outward
 CROWDED = 0.5  # of an edge: shorter lines in the section count
 POWERS = (2, 4, 8)  # of the norm that smoothing makes smallest
-ITERATIONS = 200
+ITERATIONS = 60
 UPRIGHT = 3.0  # weight of the third axis of a zone among its axes
 TINY = 1e-6  # of the size of the section: distance of nodes that lie on a line
 
@@ -245,84 +246,97 @@ def _work(points, quads):
     return len(quads) * float(np.sqrt(((a**2 + b**2).sum(axis=-1) / area**2).max()))
 
 
-def smoothed(points, quads, lines, edge, fixed=()):
-    """Return smoothed points (n, 2) in m of plane quadrilaterals, for a longer time step.
+def smoothed(
+    points: np.ndarray,
+    corners: np.ndarray,
+    free: np.ndarray,
+    edge: float,
+    powers: Sequence[float] = POWERS,
+    iterations: int = ITERATIONS,
+) -> np.ndarray:
+    """Return smoothed points (n, d) in m of quadrilaterals or hexahedra, for a longer time step.
 
     Parameters
     ----------
-    points : (n, 2) float64, m
-    quads : (m, 4) int64, counterclockwise
-    lines : (k, 2) int64
-        Edges of traces and sides, on which their nodes slide.
+    points : (n, d) float64, m
+    corners : (m, d + 1) int64
+        A corner of an element and its neighbours there, right-handed.
+    free : (n, d, d) float64
+        Projections onto the directions in which nodes may move, of `sliding`.
     edge : float, m
-    fixed : sequence of int
-        Nodes that stay: ends, crossings and bends of traces.
+    powers : sequence of float
+        Of the norms that become smallest, one after the other.
+    iterations : int
+        At most, for each.
 
     Notes
     -----
-    The p-norm of ``(|a|^2 + |b|^2) / (a x b)^2`` over all corners of two edges becomes smallest:
-    about one over the square of the least stretch, which sets the step of an explicit scheme.
+    The p-norm of ``|J^-1|^2`` over all corners becomes smallest, where the columns of J are the
+    edges of a corner: about one over the square of the least stretch of the mapping, which sets
+    the step of an explicit scheme. Its slope is ``-2 J^-T J^-1 J^-T``.
     """
-    free = _sliding(points, lines, fixed)
-    if not free.any():
-        return points
-    corner = [(quads[:, k], quads[:, (k + 1) % 4], quads[:, k - 1]) for k in range(4)]
-    c, u, v = (np.concatenate([part[k] for part in corner]) for k in range(3))
+    n, d = points.shape
+    base, ends = corners[:, 0], corners[:, 1:]
 
     def value(flat, power):
-        at = points + np.einsum("nij,nj->ni", free, flat.reshape(-1, 2))
-        a, b = (at[u] - at[c]) / edge, (at[v] - at[c]) / edge
-        area, square = _cross(a, b), (a**2 + b**2).sum(axis=1)
-        if area.min() <= 0.0:
+        at = points + np.einsum("nij,nj->ni", free, flat.reshape(n, d))
+        volume, inverse = _inverse((at[ends] - at[base][:, None]).transpose(0, 2, 1) / edge)
+        if volume.min() <= 0.0:
             return 1e300, np.zeros_like(flat)
-        each = square / area**2
+        each = (inverse**2).sum(axis=(1, 2))
         scaled = (each / each.max()) ** power
         norm = each.max() * scaled.sum() ** (1.0 / power)
-        weight = norm * scaled / scaled.sum() / each
-        by_square = (2.0 * weight / area**2)[:, None]
-        by_area = (-2.0 * weight * square / area**3)[:, None]
-        to_a = by_square * a + by_area * np.column_stack([b[:, 1], -b[:, 0]])
-        to_b = by_square * b + by_area * np.column_stack([-a[:, 1], a[:, 0]])
-        slope = np.zeros_like(points)
-        for nodes, part in ((u, to_a), (v, to_b), (c, -(to_a + to_b))):
-            np.add.at(slope, nodes, part / edge)
+        weight = -2.0 * norm * scaled / scaled.sum() / each / edge
+        turned = inverse.transpose(0, 2, 1)
+        slopes = weight[:, None, None] * (turned @ inverse @ turned)
+        slope = np.zeros((n, d))
+        for k in range(d):
+            np.add.at(slope, ends[:, k], slopes[:, :, k])
+        np.add.at(slope, base, -slopes.sum(axis=2))
         return norm, np.einsum("nij,nj->ni", free, slope).ravel()
 
     shift = np.zeros(points.size)
-    if value(shift, POWERS[0])[0] >= 1e300:
+    if not free.any() or value(shift, powers[0])[0] >= 1e300:
         return points
-    for power in POWERS:
+    for power in powers:
         result = minimize(
             value, shift, args=(power,), jac=True, method="L-BFGS-B",
-            options={"maxiter": ITERATIONS},
+            options={"maxiter": iterations},
         )  # fmt: skip
         shift = result.x if result.fun < 1e299 else shift
-    return points + np.einsum("nij,nj->ni", free, shift.reshape(-1, 2))
+    return points + np.einsum("nij,nj->ni", free, shift.reshape(n, d))
 
 
-def _sliding(points, lines, fixed):
-    """Return the projections (n, 2, 2) onto the directions in which nodes may move."""
-    ways = points[lines[:, 1]] - points[lines[:, 0]]
-    normals = np.column_stack([-ways[:, 1], ways[:, 0]]) / np.hypot(*ways.T)[:, None]
-    tensor = normals[:, :, None] * normals[:, None, :]
-    across = np.zeros((len(points), 2, 2))
-    for k in (0, 1):
-        np.add.at(across, lines[:, k], tensor)
-    across[list(fixed)] = np.eye(2)
+def _inverse(matrices):
+    """Return determinants (n,) and inverses (n, d, d) of matrices."""
+    if matrices.shape[1] == 3:
+        volume = np.linalg.det(matrices)
+        return volume, np.linalg.inv(matrices) if volume.all() else matrices
+    (a, b), (c, d) = np.moveaxis(matrices, 0, -1)
+    area = a * d - b * c
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return area, np.moveaxis(np.array([[d, -b], [-c, a]]) / area, -1, 0)
+
+
+def sliding(n: int, nodes: np.ndarray, normals: np.ndarray, fixed=()) -> np.ndarray:
+    """Return the projections (n, d, d) onto the directions in which nodes may move.
+
+    Parameters
+    ----------
+    n : int
+    nodes : (m, k) int64
+        Of lines or faces on which they stay.
+    normals : (m, d) float64, unit
+    fixed : sequence of int
+        Nodes that stay.
+    """
+    d = normals.shape[1]
+    across = np.zeros((n, d, d))
+    for column in nodes.T:
+        np.add.at(across, column, normals[:, :, None] * normals[:, None, :])
+    across[list(fixed)] = np.eye(d)
     values, vectors = np.linalg.eigh(across)
     return np.einsum("nik,nk,njk->nij", vectors, (values < 1e-6).astype(float), vectors)
-
-
-def _turns():
-    """Return the 24 orders (24, 8) of the corners of a cube that keep its handedness."""
-    corner = 2 * ((np.arange(8)[:, None] >> np.arange(3)) & 1) - 1
-    tables = []
-    for axes, signs in product(permutations(range(3)), product((1, -1), repeat=3)):
-        turn = np.zeros((3, 3), dtype=int)
-        turn[range(3), axes] = signs
-        if round(np.linalg.det(turn)) == 1:
-            tables.append(((corner @ turn > 0) * [1, 2, 4]).sum(axis=1))
-    return np.array(tables)
 
 
 def upright(points: np.ndarray, zones: np.ndarray, frame: np.ndarray) -> np.ndarray:
@@ -331,17 +345,20 @@ def upright(points: np.ndarray, zones: np.ndarray, frame: np.ndarray) -> np.ndar
     An absorbing layer needs the axis of a zone that looks outward to have the number of that axis
     of its frame; the ground surface is the upper end of the third axis.
     """
-    best, score = zones, np.full(len(zones), -np.inf)
-    for table in _turns():
-        turned = zones[:, table]
-        total = np.zeros(len(zones))
-        for axis, weight in enumerate((1.0, 1.0, UPRIGHT)):
-            upper = (np.arange(8) >> axis & 1).astype(bool)
-            step = points[turned[:, upper]].mean(axis=1) - points[turned[:, ~upper]].mean(axis=1)
-            total += weight * (step @ frame[axis]) / np.linalg.norm(step, axis=1)
-        better = total > score + 1e-9
-        best, score = np.where(better[:, None], turned, best), np.where(better, total, score)
-    return best
+    bits = np.arange(8)[:, None] >> np.arange(3) & 1
+    axes = np.einsum("zck,ca->zak", points[zones], 2.0 * bits - 1.0)
+    axes /= np.linalg.norm(axes, axis=2)[:, :, None]
+    cosines = axes @ frame.T  # of the axis of a zone (second) with that of the frame (third)
+    tables, scores = [], []
+    for order, signs in product(permutations(range(3)), product((1, -1), repeat=3)):
+        turn = np.zeros((3, 3), dtype=int)
+        turn[range(3), order] = signs
+        if round(np.linalg.det(turn)) == 1:
+            tables.append(((2 * bits - 1) @ turn > 0) @ [1, 2, 4])
+            each = zip(order, signs, (1.0, 1.0, UPRIGHT), strict=True)
+            scores.append(sum(w * s * cosines[:, k, a] for a, (k, s, w) in enumerate(each)))
+    best = np.argmax(np.round(scores, 9), axis=0)
+    return np.take_along_axis(zones, np.array(tables)[best], axis=1)
 
 
 class _Sweep:
@@ -463,6 +480,10 @@ class _Sweep:
         number = np.array([names.index(layer.name) for layer in self.geometry.layers])
         surfaces = self._sides(points, quads, m)
         surfaces |= self._joints(traces, edges, line, quads, centres, core, n)
+        surfaces = between_zones(surfaces, zones, len(positions))
+        for plane in self.planes:
+            if not len(surfaces.get(plane.name, ())):
+                raise NotMapped(f"{plane.name!r} has no facet in the sweep")
         return self._finished(
             positions, zones, number[self._layer_of(heights)], names, surfaces, order
         )
@@ -511,7 +532,11 @@ class _Sweep:
         ]
         nearest = np.abs(points[:, None] - vertices[None]).sum(axis=2).min(axis=1)
         fixed = np.unique(np.concatenate([*fixed, *on_traces]), axis=0)
-        points = smoothed(points, quads, fixed, self.edge, np.flatnonzero(nearest < tolerance))
+        lines = points[fixed[:, 1]] - points[fixed[:, 0]]
+        normals = np.column_stack([-lines[:, 1], lines[:, 0]]) / np.hypot(*lines.T)[:, None]
+        free = sliding(len(points), fixed, normals, np.flatnonzero(nearest < tolerance))
+        corners = [quads[:, [k, (k + 1) % 4, k - 1]] for k in range(4)]
+        points = smoothed(points, np.concatenate(corners), free, self.edge)
         for axis, end in product((0, 1), (0, 1)):
             on = np.abs(points[:, axis] - limits[axis, end]) < 100.0 * tolerance
             points[on, axis] = limits[axis, end]
@@ -630,7 +655,7 @@ class _Sweep:
         return surfaces
 
     def _joints(self, traces, edges, line, quads, centres, core, n):
-        """Return the faces of the planes, by name; one that two of them share has the first."""
+        """Return the faces of the planes, by name."""
         middle, sweep = 0.5 * (line[1:] + line[:-1]), self.frame[2]
         inside = (middle > self.range[2, 0]) & (middle < self.range[2, 1])
         parts = []
@@ -655,16 +680,9 @@ class _Sweep:
                 )
                 level = np.flatnonzero(np.abs(line - plane.point @ sweep) < self.tolerance)
                 parts += [(plane.name, quads[on] + k * n) for k in level[:1]]
-        names = [name for name, faces in parts for _ in faces]
-        faces = np.concatenate([np.zeros((0, 4), dtype=int), *(faces for _, faces in parts)])
-        _, first = np.unique(np.sort(faces, axis=1), axis=0, return_index=True)
-        first, names = np.sort(first), np.array(names)
-        surfaces = {
-            name: faces[first[names[first] == name]] for name in dict.fromkeys(names.tolist())
-        }
-        for plane in self.planes:
-            if not len(surfaces.get(plane.name, ())):
-                raise NotMapped(f"{plane.name!r} has no facet in the sweep")
+        surfaces = {}
+        for name, faces in parts:
+            surfaces[name] = np.concatenate([surfaces.get(name, faces[:0]), faces])
         return surfaces
 
     def _finished(self, positions, zones, group, names, surfaces, order):

@@ -1,0 +1,226 @@
+"""Hexahedra by midpoint subdivision of tetrahedra.
+
+For grounds that no grid serves. Each tetrahedron has one hexahedron per corner: the corner, the
+middles of its edges, the centres of its faces, its own centre. Open sides, of which each triangle
+gives three quadrilaterals, are drawn outward into the cells of the absorbing layer.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+
+from .. import hexahedra
+from ..builder import build_mesh
+from ..faces import face_keys, face_vectors
+from ..grid import SIDES, Geometry
+from ..mesh import Mesh
+from ..quality import explicit_work
+from .mapped import LAYER_CELLS, SAME, Fine, NotMapped, between_zones, layer_beside
+from .swept import sliding, smoothed, upright
+
+EDGES = np.array([[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]])  # of a tetrahedron
+OPPOSITE = np.array([[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]])  # corners of its faces
+ORDERS = (2, 3, 4)
+TWICE = 2.0  # edge of tetrahedra over that of their hexahedra
+POOR = 0.03  # share of zones that are smoothed with their neighbours
+TRIALS = (1.0, 0.93, 0.86, 0.8)  # factors on the edges, until no sliver sets the step
+GOOD = 30.0  # work times the wanted edge over the nodes; 4 for cubes of order 3
+POWERS, ITERATIONS = (4, 16), 60  # lengthens the step by half
+
+
+def build(
+    geometry: Geometry, sizes: Sequence[float], order: int, lines: Sequence[Fine] | None = None
+) -> Mesh:
+    """Build hexahedra from the tetrahedra of a geometry, not split.
+
+    Parameters
+    ----------
+    geometry : Geometry
+    sizes : sequence of float, m
+        Largest edge of the hexahedra of each layer.
+    order : int
+        Of the polynomials, 2 to 4.
+    lines : sequence of Fine, optional
+        Parts with smaller elements.
+
+    Returns
+    -------
+    Mesh
+        With an absorbing layer of two hexahedra outside of the open sides.
+
+    Raises
+    ------
+    NotMapped
+        If the order is higher: the step of these zones would be too small.
+    InputError
+        If the geometry can't be cut into tetrahedra.
+    """
+    if order not in ORDERS:
+        raise NotMapped(f"tetrahedra are cut into hexahedra of order 2 to 4, not {order}")
+    meshes = []
+    for factor in TRIALS:
+        mesh = _cut(geometry, [factor * size for size in sizes], order, lines)
+        meshes.append((explicit_work(mesh), factor, mesh))
+        cubes = len(mesh.zones) * order**3 / factor / min(sizes)
+        if meshes[-1][0] < GOOD * cubes:
+            break
+    return min(meshes, key=lambda each: each[0])[2]
+
+
+def _cut(geometry, sizes, order, lines):
+    """Return the mesh of hexahedra with given edges of each layer."""
+    edge = TWICE * float(min(sizes))
+    layers = [
+        replace(layer, edge=TWICE * size)
+        for layer, size in zip(geometry.layers, sizes, strict=True)
+    ]
+    cut = build_mesh(
+        geometry.box, layers, geometry.joint_sets, geometry.faults, edge=edge,
+        surface=geometry.surface, tolerance=SAME * edge,
+        refinements=[(part.box, TWICE * part.edge) for part in lines or ()],
+    )  # fmt: skip
+    points, zones, surfaces = subdivide(cut)
+    points = _smoothed(points, zones, np.tile(cut.zone_group, 4), surfaces, edge)
+    ends = {part.name for part in geometry.joint_sets}  # at the absorbing layer
+    return _with_layer(geometry, cut, points, zones, surfaces, ends, min(sizes), order)
+
+
+def subdivide(mesh: Mesh) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
+    """Cut each tetrahedron of a mesh into four hexahedra.
+
+    Returns
+    -------
+    points : (n, 3) float64, m
+        Those of the mesh first.
+    zones : (4 n_zones, 8) int64
+        The first corner of every tetrahedron, then the second.
+    surfaces : dict of str to (3 n_triangles, 4) int64
+    """
+    points, zones, n = mesh.points, mesh.zones.astype(np.int64), len(mesh.points)
+    pairs = np.sort(zones[:, EDGES], axis=2)
+    edges, edge_of = np.unique(pairs.reshape(-1, 2), axis=0, return_inverse=True)
+    triples = zones[:, OPPOSITE].reshape(-1, 3)
+    keys, first, face_of = np.unique(face_keys(triples, n), return_index=True, return_inverse=True)
+    middle = np.empty((len(zones), 4, 4), dtype=np.int64)
+    for (i, j), number in zip(EDGES, n + edge_of.reshape(-1, 6).T, strict=True):
+        middle[:, i, j] = middle[:, j, i] = number
+    face = n + len(edges) + face_of.reshape(-1, 4)
+    centre = n + len(edges) + len(keys) + np.arange(len(zones))
+    parts = []
+    for v in range(4):
+        a, b, c = OPPOSITE[v] if v % 2 == 0 else OPPOSITE[v][[1, 0, 2]]
+        corner = (zones[:, v], middle[:, v, a], middle[:, v, b], face[:, c])
+        beyond = (middle[:, v, c], face[:, b], face[:, a], centre)
+        parts.append(np.stack([*corner, *beyond], axis=1))
+    every = [points, points[edges].mean(axis=1), points[triples[first]].mean(axis=1)]
+    every.append(points[zones].mean(axis=1))
+    surfaces = {}
+    line_keys = edges @ [n, 1]
+    for name, triangles in mesh.surfaces.items():
+        t = triangles.astype(np.int64)
+        sides = np.sort(np.stack([t, np.roll(t, -1, axis=1)], axis=2), axis=2) @ [n, 1]
+        m = n + np.searchsorted(line_keys, sides)
+        f = n + len(edges) + np.searchsorted(keys, face_keys(t, n))
+        quads = [np.stack([t[:, k], m[:, k], f, m[:, k - 1]], axis=1) for k in range(3)]
+        surfaces[name] = np.concatenate(quads)
+    return np.concatenate(every), np.concatenate(parts), surfaces
+
+
+def _smoothed(points, zones, group, surfaces, edge):
+    """Return points (n, 3) of which the nodes of the poorest zones are moved within all faces."""
+    faces = [quads for quads in surfaces.values() if len(quads)]
+    between = _between_groups(zones, group, len(points))
+    quads = np.concatenate([*faces, between])
+    normals = face_vectors(points, quads)
+    normals /= np.linalg.norm(normals, axis=1)[:, None]
+    free = sliding(len(points), quads, normals)
+    corners = hexahedra.corner_neighbours(zones)
+    columns = (points[corners[:, 1:]] - points[corners[:, :1]]).transpose(0, 2, 1)
+    stretch = np.linalg.svd(columns, compute_uv=False)[:, -1].reshape(-1, 8).min(axis=1)
+    poor = np.zeros(len(points), dtype=bool)
+    poor[zones[np.argsort(stretch)[: int(np.ceil(POOR * len(zones)))]]] = True
+    free[~poor] = 0.0
+    near = np.repeat(poor[zones].any(axis=1), 8)
+    used, local = np.unique(corners[near], return_inverse=True)
+    moved = points.copy()
+    moved[used] = smoothed(
+        points[used], local.reshape(-1, 4), free[used], 0.5 * edge, POWERS, ITERATIONS
+    )
+    return moved
+
+
+def _between_groups(zones, group, n):
+    """Return the faces (k, 4) between zones of different groups."""
+    faces = zones[:, hexahedra.FACES].reshape(-1, 4)
+    keys = face_keys(faces, n)
+    order = np.argsort(keys, kind="stable")
+    same = np.flatnonzero(np.diff(keys[order]) == 0)
+    first, second = order[same], order[same + 1]
+    return faces[first[group[first // 6] != group[second // 6]]]
+
+
+def _with_layer(geometry, cut, points, zones, surfaces, ends, cell, order):
+    """Return the mesh with the cells of the absorbing layer outside of open sides."""
+    group = np.tile(cut.zone_group, 4)
+    opened = np.array([s in geometry.open_sides for s in SIDES]).reshape(3, 2)
+    for number, side in enumerate(SIDES):  # later ones draw edges and corners, too
+        if side not in geometry.open_sides:
+            continue
+        axis, sign = number // 2, 2 * (number % 2) - 1
+        faces = surfaces[side]
+        used, local = np.unique(faces, return_inverse=True)
+        local = local.reshape(faces.shape)
+        shift = sign * cell * np.eye(3)[axis]
+        levels = [
+            used,
+            *(len(points) + k * len(used) + np.arange(len(used)) for k in range(LAYER_CELLS)),
+        ]
+        fresh = [points[used] + (k + 1) * shift for k in range(LAYER_CELLS)]
+        owner = _owners(zones, faces, len(points))
+        added = [
+            np.concatenate([inner[local][:, [0, 1, 3, 2]], outer[local][:, [0, 1, 3, 2]]], axis=1)
+            for inner, outer in pairwise(levels)
+        ]
+        for name, quads in surfaces.items():
+            if name != side and name not in ends and len(quads):
+                lines = _lines_on(quads, used)
+                at = np.searchsorted(used, lines)
+                drawn = [
+                    np.column_stack([inner[at], outer[at][:, ::-1]])
+                    for inner, outer in pairwise(levels)
+                ]
+                surfaces[name] = np.concatenate([quads, *drawn])
+        surfaces[side] = levels[-1][local]
+        points = np.concatenate([points, *fresh])
+        zones = np.concatenate([zones, *added])
+        group = np.concatenate([group, *[group[owner]] * LAYER_CELLS])
+    zones = _right_handed(points, zones)
+    widths = np.full((3, 2), LAYER_CELLS * cell)
+    return Mesh(
+        points, upright(points, zones, np.eye(3)), group, cut.groups,
+        between_zones(surfaces, zones, len(points)),
+        order=order, layer=layer_beside(opened, geometry.box, widths, np.eye(3)),
+    )  # fmt: skip
+
+
+def _owners(zones, faces, n):
+    """Return the zone (k,) behind each outer face (k, 4)."""
+    keys = face_keys(zones[:, hexahedra.FACES].reshape(-1, 4), n)
+    order = np.argsort(keys, kind="stable")
+    return order[np.searchsorted(keys, face_keys(faces, n), sorter=order)] // 6
+
+
+def _lines_on(quads, nodes):
+    """Return the edges (k, 2) of quadrilaterals with both ends among sorted nodes."""
+    lines = np.sort(np.stack([quads, np.roll(quads, -1, axis=1)], axis=2).reshape(-1, 2), axis=1)
+    return np.unique(lines[np.isin(lines, nodes).all(axis=1)], axis=0)
+
+
+def _right_handed(points, zones):
+    """Return zones (n, 8) of which those of negative volume are mirrored."""
+    columns = points[zones[:, [1, 2, 4]]] - points[zones[:, :1]]
+    turned = np.linalg.det(columns) < 0.0
+    zones[turned] = zones[turned][:, [1, 0, 3, 2, 5, 4, 7, 6]]
+    return zones

@@ -1,0 +1,185 @@
+"""Grounds of every kind through project files: built as asked for, and by which elements."""
+
+from functools import partial
+
+import numpy as np
+import pytest
+
+from pyblast import simulate
+from pyblast.config.config import check_config
+from pyblast.project.project import make_project
+
+SIDES = ["west", "east", "south", "north", "bottom", "top"]
+JOINT = {"law": "elastic", "kn_gpa_per_m": 0.2, "ks_gpa_per_m": 0.1}
+ROCK = {"density_kg_per_m3": 2600, "cp_m_per_s": 3000, "cs_m_per_s": 1700}
+DEEP = {"density_kg_per_m3": 2650, "cp_m_per_s": 3600, "cs_m_per_s": 2100}
+
+
+def fault(name, dip, towards, through, extent=None):
+    part = {"name": name, "dip_deg": dip, "dip_direction_deg": towards, "through_m": list(through)}
+    return part | ({} if extent is None else {"extent_m": list(extent)})
+
+
+def joints(dip, towards, spacing, **more):
+    angles = {"dip_deg": dip, "dip_direction_deg": towards}
+    return {"name": "S", "spacing_m": spacing} | angles | more
+
+
+def hill(size, height, slope=None):
+    """Return lines of a survey: a hill of a height over 60 m, or a slope of an angle."""
+    x, y = np.meshgrid(np.arange(-10, size[0] + 11, 10.0), np.arange(-10, size[1] + 11, 10.0))
+    z = 60.0 + height * np.exp(
+        -(((x - size[0] / 2) / (0.22 * size[0])) ** 2) - ((y - size[1] / 2) / (0.35 * size[1])) ** 2
+    )
+    if slope is not None:
+        z = 60.0 + np.clip((x - 0.3 * size[0]) * np.tan(np.radians(slope)), 0.0, height)
+    rows = np.column_stack([x.ravel(), y.ravel(), z.ravel()])
+    return "x_m,y_m,z_m\n" + "\n".join(",".join(f"{v:.4f}" for v in row) for row in rows)
+
+
+@pytest.fixture
+def ground(tmp_path):
+    """Return a function that makes a project of a box, its planes, free sides and a survey."""
+    t = np.arange(0.0, 0.12, 0.0005)
+    a = (np.pi * 18.0 * (t - 0.06)) ** 2
+    lines = zip(t, 1e6 * (1 - 2 * a) * np.exp(-a), strict=True)
+    rows = [f"{time:.4f},{force:.6g}" for time, force in lines]
+    (tmp_path / "f.csv").write_text("\n".join(["time_s,force_n", *rows]) + "\n")
+
+    def made(size=(120, 90, 60), faults=(), sets=(), free=("top",), survey=None, **more):
+        mesh = {"size_m": list(size), "layers": more.pop("layers", [{"material": "rock"}]),
+                "faults": list(faults), "joint_sets": list(sets), "frequency_hz": 30}  # fmt: skip
+        if survey is not None:
+            (tmp_path / "survey.csv").write_text(survey)
+            mesh["surface_file"] = "survey.csv"
+        at, force = more.pop("receiver", (85, 52, 55)), more.pop("force", (40, 40, 41))
+        tables = {
+            "title": "ground",
+            "mesh": mesh,
+            "materials": {"rock": ROCK, "deep": DEEP},
+            "joints": {part["name"]: JOINT for part in (*faults, *sets)},
+            "boundaries": {"viscous": [s for s in SIDES if s not in free], "free": list(free)},
+            "point_forces": [{"position_m": list(force), "direction": [1, 2, -3], "file": "f.csv"}],
+            "receivers": [{"name": "A", "position_m": list(at)}],
+            "run": {"duration_s": 0.3},
+        }
+        return make_project(check_config(tables | more), tmp_path / "project.toml")
+
+    return made
+
+
+LAYERS = [{"material": "rock", "thickness_m": 25.0}, {"material": "deep"}]
+EAST = ("top", "east")
+SITES = [
+    fault("F1", 56, 248.9, (96.37, 90.2, 80)), fault("F2", 56, 248.9, (126.97, 102.0, 80)),
+    fault("F3", 56, 248.9, (142.92, 110.84, 58), (95, 53.07)),
+]  # fmt: skip
+MEETING = [fault("F", 60, 90, (60, 45, 60)), fault("G", 50, 270, (110, 45, 60))]
+OBLIQUE = [fault("F", 60, 90, (50, 45, 60)), fault("G", 70, 40, (110, 60, 60))]
+ACROSS = [fault("F", 60, 90, (100, 80, 60)), fault("G", 90, 0, (100, 80, 30), (60, 30))]
+BELOW = {"force": (40, 40, 30), "receiver": (120, 52, 50)}
+GROUNDS = {
+    "free face, 60 degrees": dict(faults=[fault("F", 60, 90, (90, 45, 60))], free=EAST),
+    "free face, 45 degrees": dict(faults=[fault("F", 45, 90, (100, 45, 60))], free=EAST),
+    "free face in the west": dict(
+        faults=[fault("F", 60, 270, (30, 45, 60))], free=("top", "west"), force=(80, 40, 41)
+    ),
+    "oblique set": dict(
+        size=(200, 200, 60), sets=[joints(90, 30, 30.0)],
+        force=(90, 90, 41), receiver=(120, 110, 60),
+    ),
+    "upright oblique fault": dict(size=(200, 160, 60), faults=[fault("F", 90, 60, (150, 120, 60))]),
+    "upright, free face": dict(
+        size=(200, 160, 60), faults=[fault("F", 90, 60, (150, 120, 60))], free=EAST
+    ),
+    "limited, strikes east": dict(faults=[fault("F", 90, 0, (62, 48, 45), (60, 30))]),
+    "limited, under a hill": dict(
+        size=(200, 90, 60), faults=[fault("F", 60, 90, (100, 45, 30), (40, 20))],
+        survey=hill((200, 90), 33.0), **BELOW,
+    ),
+    "level planes under a hill": dict(
+        size=(200, 90, 60), faults=[fault("F", 0, 0, (100, 45, 30))], layers=LAYERS,
+        survey=hill((200, 90), 33.0), **BELOW,
+    ),
+    "steep slope": dict(
+        size=(200, 90, 60), faults=[fault("F", 60, 90, (100, 45, 30))],
+        survey=hill((200, 90), 35.0, 60.0), force=(40, 40, 30), receiver=(150, 52),
+    ),
+    "three parallel, one limited": dict(size=(228, 194, 80), faults=SITES, force=(40, 40, 61)),
+    "two dips that meet": dict(size=(160, 90, 60), faults=MEETING, force=(20, 40, 41)),
+    "two dips and strikes": dict(size=(160, 120, 60), faults=OBLIQUE, force=(20, 40, 41)),
+    "set and layer beside a fault": dict(
+        size=(200, 120, 60), faults=[fault("F", 60, 90, (70, 45, 60))],
+        sets=[joints(30, 90, 25.0)], layers=LAYERS, force=(20, 40, 41),
+    ),
+    "bedding": dict(size=(238, 145, 52), sets=[joints(8, 255, 23.8)], receiver=(33, 127, 52)),
+    "upright across dipping": dict(size=(200, 160, 60), faults=ACROSS),
+}  # fmt: skip
+CUT = {"two dips and strikes"}  # no grid serves
+
+
+@pytest.mark.parametrize("name", GROUNDS)
+def test_the_ground_is_built_as_the_file_asks(ground, name):
+    built = ground(**GROUNDS[name]).ground
+
+    assert [str(row) for row in built.rows if not row.good] == []
+    assert built.mesh.hexahedral
+    assert ("of tetrahedra cut" in built.reason) == (name in CUT)
+
+
+def turned(position, quarter):
+    """Return a position in a box of 120 x 120 m turned clockwise by quarters."""
+    x, y = position[0] - 60.0, position[1] - 60.0
+    for _ in range(quarter):
+        x, y = y, -x
+    return [x + 60.0, y + 60.0, position[2]]
+
+
+@pytest.mark.parametrize("quarter", [1, 2, 3])
+def test_a_turned_ground_gives_turned_records(ground, quarter):
+    def motion(quarter):
+        order = ["north", "east", "south", "west"]
+        side = order[(order.index("east") + quarter) % 4]
+        x, y, _ = turned((61.0, 62.0, 0.0), quarter)
+        direction = [x - 60.0, y - 60.0, -2.0]
+        at = partial(turned, quarter=quarter)
+        model = ground(
+            (120, 120, 60), [fault("F", 50, (90 + 90 * quarter) % 360, at((90, 60, 60)))],
+            free=("top", side), receiver=at((100, 80, 60)),
+            point_forces=[
+                {"position_m": at((40, 50, 41)), "direction": direction, "file": "f.csv"}
+            ],
+        ).model  # fmt: skip
+        seismogram = simulate(model, 0.12).seismograms["A"]
+        assert seismogram.components == ("east", "north", "vertical")
+        return seismogram.velocity
+
+    east, north, vertical = motion(0).T
+    for _ in range(quarter):
+        east, north = north, -east
+    expected = np.column_stack([east, north, vertical])
+    difference = motion(quarter) - expected
+    assert np.sum(difference**2) < 1e-18 * np.sum(expected**2)
+
+
+def test_a_fault_that_dips_west_gives_the_mirrored_motion_through_the_west_face(ground, tmp_path):
+    def motion(side, sign):
+        mirror = lambda x: 60.0 + sign * (x - 60.0)  # noqa: E731
+        tables = {"face": side, "enters_as": "stress"}
+        towards = 90.0 if sign > 0.0 else 270.0
+        t = np.arange(0.0, 0.1, 0.0005)
+        pulse = 0.01 * np.sin(np.pi * np.minimum(t / 0.08, 1.0)) ** 2
+        (tmp_path / "signature.csv").write_text(
+            "time_s,east_m_per_s,north_m_per_s,vertical_m_per_s\n"
+            + "\n".join(f"{a:.4f},{sign * v:.8g},{v:.8g},{0.5 * v:.8g}"
+                        for a, v in zip(t, pulse, strict=True))
+        )  # fmt: skip
+        project = ground(
+            faults=[fault("F", 54, towards, (mirror(70.0), 45, 60))],
+            receiver=(mirror(40.0), 55, 60), input=tables, point_forces=[],
+            signature={"recorded": {"file": "signature.csv"}}, blast=None,
+        )  # fmt: skip
+        return simulate(project.model, 0.15).seismograms["A"].velocity
+
+    east, west = motion("east", 1.0), motion("west", -1.0) * [-1.0, 1.0, 1.0]
+    assert np.sum((east - west) ** 2) < 1e-18 * np.sum(west**2)

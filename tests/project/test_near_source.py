@@ -1,0 +1,105 @@
+"""An explosion in the middle of a box, on a corner of its elements: motion, and what is said."""
+
+import numpy as np
+import pytest
+
+from pyblast.back_analysis.findings import near_sources
+from pyblast.errors import InputError
+from pyblast.project.checks import check
+from pyblast.project.places import resolved_receivers
+from pyblast.project.project import load_project
+from pyblast.solver.run import simulate
+from verification.solutions.full_space import Bell, explosion
+
+BELL = Bell(15.0)
+MIDDLE = np.array([65.0, 65.0, 65.0])
+OFFSETS = {
+    "east 15": (15.0, 0.0, 0.0),
+    "up 25": (0.0, 0.0, 25.0),
+    "east 40": (40.0, 0.0, 0.0),
+    "aside 60": (36.0, -48.0, 0.0),
+    "corner 100": (57.7, 57.7, -57.7),
+}
+PROJECT = """
+title = "A hole in the middle"
+[mesh]
+size_m = [130, 130, 130]
+frequency_hz = 40
+layers = [{ material = "rock" }]
+[materials.rock]
+density_kg_per_m3 = 2600
+cp_m_per_s = 4000
+cs_m_per_s = 2300
+[boundaries]
+viscous = ["west", "east", "south", "north", "bottom", "top"]
+[[moment_tensors]]
+position_m = [65, 65, 65]
+tensor = [1, 1, 1, 0, 0, 0]
+file = "rate.csv"
+[run]
+duration_s = 0.2
+"""
+
+
+@pytest.fixture(scope="module")
+def project(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("middle")
+    values, dt = BELL.samples()
+    rows = [f"{n * dt:.9g},{1e9 * value:.9g}" for n, value in enumerate(values)]
+    head = "time_s,moment_rate_Nm_per_s"
+    (folder / "rate.csv").write_text("\n".join([head, *rows]) + "\n")
+    receivers = [
+        f'[[receivers]]\nname = "{name}"\nposition_m = {(MIDDLE + offset).tolist()}\n'
+        for name, offset in OFFSETS.items()
+    ]
+    (folder / "project.toml").write_text(PROJECT + "".join(receivers))
+    return load_project(folder / "project.toml")
+
+
+def test_the_middle_of_the_box_is_a_corner_of_elements(project):
+    assert np.abs(project.mesh.points - MIDDLE).max(axis=1).min() < 1.0
+
+
+def test_motion_is_that_of_a_point_beyond_the_sphere_and_never_larger(project):
+    records = simulate(project.model, project.duration).seismograms
+
+    ratios = {}
+    for name, offset in OFFSETS.items():
+        wanted = 1e9 * explosion(records[name].times, offset, BELL, project.materials["rock"])
+        error = np.linalg.norm(records[name].velocity - wanted) / np.linalg.norm(wanted)
+        ratios[name] = np.abs(records[name].velocity).max() / np.abs(wanted).max()
+        assert (
+            error
+            < {
+                "east 15": 0.95,
+                "up 25": 0.5,
+                "east 40": 0.06,
+                "aside 60": 0.04,
+                "corner 100": 0.02,
+            }[name]
+        )
+    assert max(ratios.values()) < 1.05
+
+
+def test_receivers_near_a_source_are_named_with_error_and_edge(project):
+    (finding,) = (f for f in check(project, measure=False).findings if f.code == "D38")
+
+    assert "'east 15' stands 15 m from moment tensor 1, 0.23 of the edge of 65 m" in finding.text
+    assert "error up to 75 %; edges of 18.1 m, 170 times the work" in finding.text
+    assert "'corner 100'" not in finding.text
+    assert "Above 20 % at 2 of 4: these count in no fit." in finding.text
+    assert finding.numbers["error"] == pytest.approx(0.752, abs=0.01)
+
+
+def test_a_back_analysis_names_the_receivers_that_do_not_count(project):
+    (finding,) = near_sources([project])
+
+    assert finding.code == "D38"
+    assert "'up 25'" in finding.text
+
+
+def test_receivers_near_a_source_count_in_no_fit(project):
+    assert resolved_receivers(project, tuple(OFFSETS)) == ("east 40", "aside 60", "corner 100")
+    assert resolved_receivers(project, ()) == ()
+    with pytest.raises(InputError, match=r"receivers\.up 25: stands 25 m from a source.*beyond"):
+        resolved_receivers(project, ("east 15", "up 25"))

@@ -1,0 +1,396 @@
+"""Grounds of random legitimate project files: built as asked, and turned with the file.
+
+    python -m verification.ground [COUNT] [--seed N] [--again] [--minutes N]
+
+Draws boxes with layers, faults, joint sets, hills and sides of every kind, and judges each mesh by
+points thrown on what the file asks for and on what stands in the mesh: no code of the builders and
+none of their survey is used. Some projects are turned by quarters and mirrored; their records must
+turn with them. Writes the rows that ``verification/ground.json`` lacks, and their summary; COUNT
+300, seed 2026, 25 minutes unless given otherwise.
+"""
+
+import sys
+import tempfile
+import time
+from copy import deepcopy
+from pathlib import Path
+
+import numpy as np
+from scipy.interpolate import LinearNDInterpolator
+
+from pyblast.config.config import check_config
+from pyblast.errors import PyblastError
+from pyblast.mesh.mesh import locate
+from pyblast.project.project import make_project
+from pyblast.solver.run import simulate
+
+from .rows import each_row, options, read_rows
+
+OUT = Path(__file__).with_suffix(".json")
+SEED, COUNT, MINUTES = 2026, 300, 25.0
+SIDES = {"west": (0, 0), "east": (0, 1), "south": (1, 0), "north": (1, 1), "bottom": (2, 0)}
+SHARE = 0.02  # of the wavelength: tolerance of lengths
+THROWN = 400  # points on each plane, and in the box
+TURNS = ("quarter", "half", "three quarters", "mirrored")
+TURNED = 6  # projects that are turned in each of these ways
+
+
+def tables_of(seed: int, number: int) -> dict:
+    """Return the tables of one project file; heights of a hill stand under ``hill``."""
+    rng = np.random.default_rng([seed, number])
+    size = [float(v) for v in rng.uniform([90.0, 80.0, 40.0], [220.0, 180.0, 70.0]).round()]
+    frequency, hill = float(rng.choice([15.0, 20.0, 30.0])), None
+    sides = ["west", "east", "south", "north", "bottom"]
+    free = [str(side) for side in sides[:4] if rng.random() < 0.12]
+    layers = [{"material": "rock"}]
+    if rng.random() < 0.35:
+        layers = [{"material": "soil", "thickness_m": round(float(rng.uniform(2.0, 12.0)), 1)},
+                  *layers]  # fmt: skip
+    faults = [_fault(rng, f"F{n}", size) for n in range(rng.choice(4, p=[0.3, 0.4, 0.2, 0.1]))]
+    sets = [_joint_set(rng, "S", layers)] if rng.random() < 0.35 else []
+    if rng.random() < 0.15:
+        hill = _hill(rng, size)
+    joint = {"law": "elastic", "kn_gpa_per_m": 0.4, "ks_gpa_per_m": 0.2}
+    inside = [[float(v) for v in (0.15 + 0.7 * rng.random(2)) * size[:2]] for _ in range(4)]
+    quality = {"qp": 60.0, "qs": 30.0, "quality_band_hz": [1.0, 60.0]}
+    return {
+        "title": f"random ground {number}",
+        "mesh": {"size_m": size, "origin_m": [0.0, 0.0, -size[2]], "frequency_hz": frequency,
+                 "layers": layers, "faults": faults, "joint_sets": sets},
+        "materials": {
+            "rock": {"density_kg_per_m3": 2600.0, "cp_m_per_s": 3400.0, "cs_m_per_s": 1900.0},
+            "soil": {"density_kg_per_m3": 2000.0, "cp_m_per_s": 1500.0, "cs_m_per_s": 750.0,
+                     **quality},
+        } if len(layers) > 1 else {
+            "rock": {"density_kg_per_m3": 2600.0, "cp_m_per_s": 3400.0, "cs_m_per_s": 1900.0}},
+        "joints": {part["name"]: joint for part in (*faults, *sets)},
+        "boundaries": {"viscous": [s for s in sides if s not in free], "free": ["top", *free]},
+        "point_forces": [{"position_m": [*inside[0], -0.4 * size[2]], "file": "f.csv",
+                          "direction": [1.0, 2.0, -3.0]}],
+        "receivers": [{"name": f"R{n}", "position_m": at} for n, at in enumerate(inside[1:])],
+        "run": {"duration_s": 0.15},
+        "hill": hill,
+    }  # fmt: skip
+
+
+def _fault(rng, name, size):
+    """Draw a fault, a third of them of limited extent."""
+    part = {
+        "name": name,
+        "dip_deg": float(rng.choice([90.0, rng.integers(25, 86)])),
+        "dip_direction_deg": float(rng.choice([rng.choice([0, 90, 180, 270]), rng.integers(360)])),
+        "through_m": [*(float(v) for v in (rng.uniform(0.25, 0.75, 2) * size[:2]).round(1)),
+                      -0.5 * size[2]],
+    }  # fmt: skip
+    if rng.random() < 0.3:
+        part["extent_m"] = [float(v) for v in rng.uniform([20.0, 12.0], [60.0, 25.0]).round()]
+    return part
+
+
+def _joint_set(rng, name, layers):
+    """Draw a joint set, of all layers or of the last."""
+    part = {
+        "name": name,
+        "dip_deg": float(rng.choice([0.0, 90.0, rng.integers(5, 81)])),
+        "dip_direction_deg": float(rng.choice([rng.choice([0, 90, 180, 270]), rng.integers(360)])),
+        "spacing_m": round(float(rng.uniform(18.0, 45.0)), 1),
+    }
+    return part | ({"regions": ["rock"]} if len(layers) > 1 and rng.random() < 0.5 else {})
+
+
+def _hill(rng, size):
+    """Draw the heights (n, 3) of a hill."""
+    x, y = np.meshgrid(*(np.arange(-20.0, width + 20.1, 10.0) for width in size[:2]))
+    middle, width = rng.uniform(0.3, 0.7, 2) * size[:2], rng.uniform(0.2, 0.5) * min(size[:2])
+    away = np.hypot(x - middle[0], y - middle[1]) / width
+    height = rng.uniform(3.0, 15.0) * np.exp(-(away**2))
+    return np.column_stack([x.ravel(), y.ravel(), height.ravel()]).tolist()
+
+
+def project_of(tables: dict, folder: Path, **mesh):
+    """Return the project of some tables, with other keys of its mesh."""
+    tables = deepcopy(tables)
+    hill = tables.pop("hill")
+    times = np.arange(0.0, 0.15, 5e-4)
+    phase = (np.pi * 0.35 * tables["mesh"]["frequency_hz"] * (times - 0.07)) ** 2
+    rows = zip(times, 1e6 * (1.0 - 2.0 * phase) * np.exp(-phase), strict=True)
+    lines = ["time_s,force_n", *(f"{t:.4f},{force:.6g}" for t, force in rows)]
+    (folder / "f.csv").write_text("\n".join(lines) + "\n")
+    if hill is not None:
+        lines = ["x_m,y_m,z_m", *(",".join(f"{v:.6f}" for v in row) for row in hill)]
+        (folder / "hill.csv").write_text("\n".join(lines) + "\n")
+        tables["mesh"]["surface_file"] = "hill.csv"
+    tables["mesh"] |= mesh
+    return make_project(check_config(tables), folder / "project.toml")
+
+
+# What the file asks for, by formula.
+
+
+class Asked:
+    """Planes, layers and heights of tables, read from the numbers alone."""
+
+    def __init__(self, tables):
+        """Read the tables."""
+        mesh = tables["mesh"]
+        self.low = np.array(mesh["origin_m"])
+        self.high = self.low + mesh["size_m"]
+        self.standing = [s for s in SIDES if s not in tables["boundaries"]["viscous"]]
+        self.depth = mesh["layers"][0].get("thickness_m", 0.0)
+        speeds = [tables["materials"][part["material"]]["cs_m_per_s"] for part in mesh["layers"]]
+        self.short = SHARE * min(speeds) / mesh["frequency_hz"]
+        self.hill = None
+        if tables["hill"] is not None:
+            places = np.array(tables["hill"])
+            self.hill = LinearNDInterpolator(places[:, :2], places[:, 2])
+        self.faults, self.sets = mesh["faults"], mesh["joint_sets"]
+
+    def ground(self, plan):
+        """Return the height of the ground at places (n, 2 or 3)."""
+        if self.hill is None:
+            return np.full(len(plan), self.high[2])
+        return self.hill(plan[:, :2])
+
+    def inside(self, points, margin):
+        """Return whether points lie in the box and under the ground by a margin."""
+        high = [*self.high[:2], np.inf]
+        within = ((points > self.low + margin) & (points < np.array(high) - margin)).all(axis=1)
+        return within & (points[:, 2] < self.ground(points) - margin)
+
+
+def frame_of(part):
+    """Return strike, direction down the dip and upward normal of a plane."""
+    dip, towards = np.radians([part["dip_deg"], part["dip_direction_deg"]])
+    level = np.array([np.sin(towards), np.cos(towards), 0.0])
+    strike = np.array([-level[1], level[0], 0.0])
+    down = np.cos(dip) * level - np.sin(dip) * np.array([0.0, 0.0, 1.0])
+    return strike, down, np.cross(strike, down) * np.sign(np.cross(strike, down)[2] or 1.0)
+
+
+# What stands in the mesh.
+
+
+def wrong_ground(tables: dict, mesh, rng) -> list[str]:
+    """Return in words what is wrong in a mesh, not split."""
+    asked = Asked(tables)
+    wrong = [*_sides(asked, mesh), *_layers(asked, mesh, rng)]
+    for part in asked.faults:
+        wrong += _surface(asked, mesh, part, [np.array(part["through_m"])], rng)
+    for part in asked.sets:
+        normal, middle = frame_of(part)[2], 0.5 * (asked.low + asked.high)
+        count = int(np.linalg.norm(asked.high - asked.low) / part["spacing_m"]) + 2
+        steps = part["spacing_m"] * np.arange(-count, count + 1)
+        wrong += _surface(asked, mesh, part, [middle + step * normal for step in steps], rng)
+    return wrong
+
+
+def _sides(asked, mesh):
+    """Yield sides that stand elsewhere."""
+    for side, (axis, end) in SIDES.items():
+        at = mesh.points[np.unique(mesh.surfaces[side]), axis]
+        wanted = (asked.low, asked.high)[end][axis]
+        if side in asked.standing and np.abs(at - wanted).max() > asked.short:
+            yield f"{side} at {at[np.abs(at - wanted).argmax()]:.2f} for {wanted:.2f} m"
+        elif (at.max() < wanted - asked.short) if end else (at.min() > wanted + asked.short):
+            yield f"{side} leaves out a part of the box"
+    top = mesh.points[np.unique(mesh.surfaces["top"])]
+    over = top[((top > asked.low) & (top < asked.high))[:, :2].all(axis=1)]
+    off = np.abs(over[:, 2] - asked.ground(over)).max(initial=0.0)
+    if off > asked.short:
+        yield f"the top is {off:.2f} m off"
+
+
+def _layers(asked, mesh, rng):
+    """Yield layers that are found where another one is asked for."""
+    points = rng.uniform(asked.low, asked.high, (THROWN, 3))
+    border = asked.high[2] - asked.depth
+    points = points[asked.inside(points, asked.short)]
+    points = points[np.abs(points[:, 2] - border) > asked.short]
+    zones = locate(mesh, points, np.inf)[0]
+    groups = np.array(mesh.groups)[mesh.zone_group[zones]]
+    wanted = np.where((points[:, 2] > border) & (asked.depth > 0.0), "soil", "rock")
+    if (groups != wanted).any():
+        x, y, z = points[groups != wanted][0]
+        yield f"{(groups != wanted).mean():.1%} in another layer, as at ({x:.1f}, {y:.1f}, {z:.1f})"
+    if mesh.layer is not None and mesh.layer.depths(points).max(initial=0.0) > 0.0:
+        yield "a part of the box lies in the absorbing layer"
+
+
+def _surface(asked, mesh, part, origins, rng):
+    """Yield what is wrong with the facets of a fault or joint set."""
+    name, (strike, down, normal) = part["name"], frame_of(part)
+    corners = mesh.points[mesh.surfaces[name]]
+    reach = 2.0 * np.linalg.norm(asked.high - asked.low)
+    half = 0.5 * np.array(part.get("extent_m", [reach, reach]))
+    top = np.inf if "regions" not in part else asked.high[2] - asked.depth
+    middles = _spread(corners, rng)
+    middles = middles[asked.inside(middles, asked.short)]
+    away = np.min([np.abs((middles - origin) @ normal) for origin in origins], axis=0)
+    if away.max(initial=0.0) > asked.short:
+        yield f"{name} lies up to {away.max():.2f} m from its plane"
+    local = np.abs((middles - origins[0]) @ np.array([strike, down]).T) - half
+    if local.max(initial=-np.inf) > asked.short or (middles[:, 2] > top + asked.short).any():
+        yield f"{name} reaches beyond its ends"
+    for origin in origins:
+        share = rng.uniform(-1.0, 1.0, (40 * THROWN, 2))
+        size = np.minimum(half - asked.short, reach) if "extent_m" in part else half / 2.0
+        points = origin + share * size @ np.array([strike, down])
+        points = points[asked.inside(points, 2.0 * asked.short)][:THROWN]
+        points = points[points[:, 2] < top - asked.short]
+        missing = _beyond(points, corners, normal, asked.short)
+        if missing.mean() > 0.02 if len(missing) > 20 else False:
+            yield f"{name} lacks {missing.mean():.0%} of a plane"
+
+
+def _spread(corners, rng):
+    """Return points on facets (n, 3 or 4, 3), several on each."""
+    weights = rng.dirichlet(np.ones(corners.shape[1]), (8, len(corners)))
+    return np.einsum("knc,ncx->knx", weights, corners).reshape(-1, 3)
+
+
+def _beyond(points, corners, normal, reach):
+    """Return whether points of a plane lie on no facet, (n,) bool."""
+    facets = [corners[:, [0, 1, 2]]] + ([corners[:, [0, 2, 3]]] if corners.shape[1] == 4 else [])
+    facets = np.concatenate(facets)
+    facets = facets[np.abs((facets.mean(axis=1) - points[:1]) @ normal) < 4.0 * reach] if len(
+        points) else facets  # fmt: skip
+    missing = np.ones(len(points), dtype=bool)
+    for a, b, c in facets:
+        turn = np.sign(np.cross(b - a, c - a) @ normal)
+        sides = [np.cross(q - p, points - p) @ normal * turn / np.linalg.norm(q - p)
+                 for p, q in ((a, b), (b, c), (c, a))]  # fmt: skip
+        missing &= ~(np.min(sides, axis=0) > -reach)
+    return missing
+
+
+# Turned and mirrored.
+
+
+def turned(tables: dict, how: str) -> tuple[dict, np.ndarray]:
+    """Return tables turned anticlockwise about the vertical or mirrored, and the matrix of that."""
+    quarters = {"quarter": 1, "half": 2, "three quarters": 3, "mirrored": 0}[how]
+    c, s = [(1, 0), (0, 1), (-1, 0), (0, -1)][quarters]
+    matrix = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]], dtype=float)
+    if how == "mirrored":
+        matrix = np.diag([-1.0, 1.0, 1.0])
+    other = deepcopy(tables)
+    mesh = other["mesh"]
+    ends = np.array([mesh["origin_m"], np.add(mesh["origin_m"], mesh["size_m"])]) @ matrix.T
+    mesh["origin_m"] = ends.min(axis=0).tolist()
+    mesh["size_m"] = np.ptp(ends, axis=0).tolist()
+    for part in (*mesh["faults"], *mesh["joint_sets"]):
+        angle = part["dip_direction_deg"]
+        angle = -angle if how == "mirrored" else angle - 90.0 * quarters
+        part["dip_direction_deg"] = float(angle % 360.0)
+        if "through_m" in part:
+            part["through_m"] = (matrix @ part["through_m"]).tolist()
+    looks = {side: np.eye(3)[axis] * (2 * end - 1) for side, (axis, end) in SIDES.items()}
+    names = {
+        side: next(n for n, v in looks.items() if np.allclose(v, matrix @ along))
+        for side, along in looks.items()
+    } | {"top": "top"}
+    for key in ("viscous", "free"):
+        other["boundaries"][key] = [names[side] for side in other["boundaries"][key]]
+    for part in other["receivers"]:
+        part["position_m"] = (matrix[:2, :2] @ part["position_m"]).tolist()
+    for part in other["point_forces"]:
+        part["position_m"] = (matrix @ part["position_m"]).tolist()
+        part["direction"] = (matrix @ part["direction"]).tolist()
+    if other["hill"] is not None:
+        other["hill"] = (np.array(other["hill"]) @ matrix.T).tolist()
+    return other, matrix
+
+
+def records_of(project) -> np.ndarray:
+    """Return the velocities (n_receivers, n_samples, 3) in m/s on common times."""
+    run, times = simulate(project.model, project.duration), np.linspace(0.0, 0.14, 400)
+    return np.array(
+        [
+            np.column_stack([np.interp(times, record.times, v) for v in record.velocity.T])
+            for record in run.seismograms.values()
+        ]
+    )
+
+
+def energy_of_difference(first: np.ndarray, second: np.ndarray) -> float:
+    """Return the energy of the difference of records over that of the first."""
+    return float(np.sum((first - second) ** 2) / np.sum(first**2))
+
+
+# Rows.
+
+
+def geometry_row(seed: int, number: int) -> dict:
+    """Return what one project became: elements, what is wrong, or why it was refused."""
+    tables, began = tables_of(seed, number), time.process_time()
+    with tempfile.TemporaryDirectory() as folder:
+        try:
+            ground = project_of(tables, Path(folder)).ground
+        except PyblastError as error:
+            return {"refused": str(error), "cpu_seconds": time.process_time() - began}
+    cpu = time.process_time() - began
+    wrong = wrong_ground(tables, ground.mesh, np.random.default_rng([seed, number, 1]))
+    return {"elements": ground.reason, "wrong": wrong, "cpu_seconds": cpu}
+
+
+def turned_row(seed: int, number: int, how: str) -> dict:
+    """Return how far the records of a turned project differ from those of the project, turned."""
+    tables = tables_of(seed, number)
+    other, matrix = turned(tables, how)
+    with tempfile.TemporaryDirectory() as folder:
+        project = project_of(tables, Path(folder))
+        records = records_of(project) @ matrix.T
+        difference = energy_of_difference(records, records_of(project_of(other, Path(folder))))
+    return {"elements": project.ground.reason, "energy_of_difference": difference}
+
+
+def summary(seed: int, rows: dict) -> dict:
+    """Return counts and worst differences of all rows."""
+    grounds = [row for name, row in rows.items() if name.startswith("project")]
+    refused = [row["refused"] for row in grounds if "refused" in row]
+    reasons = {}
+    for text in refused:
+        kind = " ".join(word for word in text.split() if not any(c.isdigit() for c in word))[:80]
+        reasons[kind] = reasons.get(kind, 0) + 1
+    turns = [
+        row["energy_of_difference"]
+        for name, row in rows.items()
+        if name.startswith("turned") and row["elements"].startswith("hexahedra")
+    ]
+    return {
+        "seed": seed,
+        "projects": len(grounds),
+        "wrong": sum(bool(row.get("wrong")) for row in grounds),
+        "refused": len(refused),
+        "reasons": reasons,
+        "hexahedra": sum(row.get("elements", "").startswith("hexa") for row in grounds),
+        "turned": len(turns),
+        "turned_worst": max(turns, default=None),
+        "cpu_seconds_worst": max((row["cpu_seconds"] for row in grounds), default=None),
+    }
+
+
+def main(arguments: list[str]) -> None:
+    """Compute the rows that the file lacks."""
+    others, found = options(arguments)
+    seed = SEED
+    if "--seed" in others:
+        at = others.index("--seed")
+        seed = int(others[at + 1])
+        del others[at : at + 2]
+    count, minutes = int(others[0]) if others else COUNT, found.pop("minutes", MINUTES)
+    print(f"ground: {count} projects of seed {seed}", flush=True)
+    jobs = {f"project {n:03}": (geometry_row, n) for n in range(count)}
+    jobs |= {f"turned {n:03} {how}": (turned_row, n, how) for n in range(TURNED) for how in TURNS}
+
+    def job(name):
+        make, *rest = jobs[name]
+        return make(seed, *rest)
+
+    each_row(OUT, jobs, job, minutes, **found)
+    rows = {name: row for name, row in read_rows(OUT).items() if name in jobs}
+    each_row(OUT, ["summary"], lambda _: summary(seed, rows), again=True)
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])
