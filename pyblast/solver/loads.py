@@ -18,7 +18,6 @@ from .moment_density import (
     FEWEST_POINTS,
     POINTS_IN_RADIUS,
     deconvolved,
-    force_shares,
     moment_forces,
     source_radius,
 )
@@ -159,12 +158,11 @@ def add_velocity_input(loads: Loads, boundary: VelocityInput, dt: float) -> list
 
 
 def _add_force(loads, model, source):
-    """Add a point force, distributed to nodes; theory.md (5.3)."""
-    position = np.asarray(source.position, dtype=float)
-    zone = int(locate(model.mesh, position)[0][0])
-    nodes, shares = force_shares(model.nodes, zone, position)
-    vectors = shares[:, None] * np.asarray(source.direction, dtype=float)
-    loads.add(nodes, vectors, loads.add_history(source.history))
+    """Add a point force, distributed to the nodes of its zone; theory.md (5.3)."""
+    nodes = model.nodes
+    zone, weight = locate(model.mesh, source.position)
+    vectors = nodes.shapes(weight)[0][:, None] * np.asarray(source.direction, dtype=float)
+    loads.add(nodes.zone_nodes[zone[0]], vectors, loads.add_history(source.history))
 
 
 def _add_hole(loads, model, hole):

@@ -313,29 +313,6 @@ def moment_forces(
     return nodes.zone_nodes[used].ravel(), (gradients @ tensor).reshape(-1, 3)
 
 
-def force_shares(
-    nodes: Nodes | SpectralNodes, zone: int, position: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return the shares of a force on nodes: shape functions, in hexahedra averaged over a sphere.
-
-    Returns
-    -------
-    nodes : (n,) int
-    shares : (n,) float64
-        Their sum is one. At the position alone where the sphere would be `CLIPPED`.
-
-    Notes
-    -----
-    theory.md (5.3). The density is that of second moment zero: the force radiates P and S.
-    """
-    radius = source_radius(nodes, zone, position)
-    if not nodes.mesh.hexahedral or radius < CLIPPED * edge_at(nodes.mesh, zone):
-        own, local = locate(nodes.mesh, position)
-        return nodes.zone_nodes[own[0]], nodes.shapes(local)[0]
-    used, shares = _averaged(nodes, zone, position, radius, True, lambda _, at: nodes.shapes(at))
-    return nodes.zone_nodes[used].ravel(), shares.ravel()
-
-
 def _averaged(nodes, zone, position, radius, flat, values):
     """Return zones (n,) and the average of values of zones and local coordinates over a sphere."""
     mesh, position = nodes.mesh, np.asarray(position, dtype=float)
