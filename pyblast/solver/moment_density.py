@@ -79,12 +79,16 @@ def source_radius(
     -------
     float, m
         At most the distance to free surfaces, joints and other ground. At least 0.1 of the edge of
-        hexahedra, 0.4 or 1 of the mean edge of quadratic or linear tetrahedra, 0.1 if given.
+        hexahedra, 0.4 or 1 of the mean edge of quadratic or linear tetrahedra; a given one may be
+        as small as 0.1.
     """
     mesh = nodes.mesh
     edge = edge_at(mesh, zone)
     usual, least = RADII[kind_of(nodes)]
-    radius, least = (usual * edge, least) if given is None else (given, SMALLEST)
+    if given is not None:
+        linear = not (mesh.hexahedral or nodes.quadratic)  # whose gradients are those of centroids
+        usual, least = given / edge, max(SMALLEST, min(given / edge, least) if linear else 0.0)
+    radius = usual * edge
     return float(max(min(radius, clearance(mesh, position, radius)), least * edge))
 
 

@@ -22,7 +22,7 @@ def scene():
     baseline = SimpleNamespace(project=small_site(), motion=motion)
     there = object.__new__(Scene)  # without the memory of a calibration
     there.forward, there.baseline = forward, baseline
-    there.holes = forward.hole_motion(small_site())
+    there.holes, there.failures = forward.hole_motion(small_site()), {}
     return there
 
 

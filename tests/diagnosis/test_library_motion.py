@@ -248,5 +248,5 @@ def replace_case(site):
     """Return the scene with other blasts, whose holes send the same."""
     there = object.__new__(Scene)
     there.forward = SimpleNamespace(case=replace(scene().case, project=site))
-    there.baseline, there.holes = scene().baseline, scene().holes
+    there.baseline, there.holes, there.failures = scene().baseline, scene().holes, {}
     return there

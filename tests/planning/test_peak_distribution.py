@@ -62,7 +62,8 @@ def test_peaks_are_those_of_each_blast(bank, spectra):
         wanted = bank.blast(fired(TIMES[number], SCALES[number]), 0.24)
         for r, record in enumerate(wanted.values()):
             fine = record.resampled(record.dt / 10.0)  # a peak may lie between two steps
-            assert found.ppv[number, r] == pytest.approx(fine.ppv, abs=1e-3 * fine.pvs)
+            # A parabola through three steps stands for the peak between them.
+            assert found.ppv[number, r] == pytest.approx(fine.ppv, abs=4e-3 * fine.pvs)
             assert found.pvs[number, r] == pytest.approx(fine.pvs, rel=1e-3)
 
 

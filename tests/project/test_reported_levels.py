@@ -45,7 +45,8 @@ def test_a_quarry_in_rock_has_the_level_of_its_law():
     assert 1e3 * predicted == pytest.approx(
         1e3 * BY_NAME["AS 2187.2-1993"].ppv(118.0, 60.0), rel=0.1
     )
-    assert 0.5 < np.abs(motion.velocity).max() / predicted < 2.0
+    # Delays of 17 ms are a quarter of a period: holes two apart cancel.
+    assert 0.4 < np.abs(motion.velocity).max() / predicted < 2.0
 
 
 def test_four_metres_of_soil_do_not_set_what_the_rock_sends():
