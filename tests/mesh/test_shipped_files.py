@@ -59,8 +59,23 @@ def one_form(path, version, binary):
         for dimension, tag in gmsh.model.getPhysicalGroups(2):
             name = gmsh.model.getPhysicalName(dimension, tag) or f"surface_{tag}"
             if gmsh.model.getPhysicalGroups(3) and name in mesh.surfaces:
-                assert len(mesh.surfaces[name]) == count(2, [(dimension, tag)])
+                assert len(mesh.surfaces[name]) == on_zones((dimension, tag))
     return "read"
+
+
+def nodes_of(kind, corners, entities):
+    """Return the nodes (n, corners) of cells of one kind in entities of gmsh."""
+    parts = [gmsh.model.mesh.getElementsByType(kind, tag)[1] for tag in entities]
+    return np.concatenate([np.empty(0, np.int64), *parts]).astype(np.int64).reshape(-1, corners)
+
+
+def on_zones(group):
+    """Return how many triangles of a group are faces of zones in groups: others have no ground."""
+    volumes = [gmsh.model.getEntitiesForPhysicalGroup(*g) for g in gmsh.model.getPhysicalGroups(3)]
+    zones = nodes_of(4, 4, np.unique(np.concatenate(volumes)))
+    faces = {tuple(sorted(np.delete(zone, k).tolist())) for zone in zones for k in range(4)}
+    triangles = nodes_of(2, 3, gmsh.model.getEntitiesForPhysicalGroup(*group))
+    return sum(tuple(sorted(each)) in faces for each in triangles.tolist())
 
 
 def outcome(path):
