@@ -40,6 +40,14 @@ ERRORS = {
         (0.0, 0.14, 0.33, 0.47, 0.77, 0.99, 1.22, 1.5),
         (0.6, 0.5, 0.5, 0.65, 0.95, 0.53, 0.05, 0.01),
     ),
+    "hexahedra, force": (
+        (0.0, 0.08, 0.45, 0.6, 0.75, 0.97),
+        (1.0, 0.52, 0.28, 0.085, 0.02, 0.01),
+    ),
+    "hexahedra, force on a face": (
+        (0.0, 0.08, 0.45, 0.75, 0.97, 1.2, 1.42),
+        (1.0, 0.95, 0.95, 0.95, 0.45, 0.015, 0.01),
+    ),
     "quadratic": (
         (0.0, 0.3, 0.6, 0.8, 1.1, 1.6, 2.5),
         (1.0, 0.88, 0.38, 0.15, 0.06, 0.04, 0.01),
@@ -179,10 +187,14 @@ def near_receivers(model: Model) -> tuple[NearReceiver, ...]:
 def _kind_of_error(nodes, source, zone, point, edge, local):
     """Return the name of a table of errors, of a source by the radius of its sphere."""
     kind = kind_of(nodes)
-    if kind == "linear" or isinstance(source, PointForce):
+    on_face = kind == "hexahedra" and np.abs(local).max() > ON_FACE
+    if isinstance(source, PointForce):
+        if kind != "hexahedra":
+            return kind
+        return "hexahedra, force on a face" if on_face else "hexahedra, force"
+    if kind == "linear":
         return kind
     if source_radius(nodes, zone, point, getattr(source, "spread", None)) < CLIPPED * edge:
-        on_face = kind == "hexahedra" and np.abs(local).max() > ON_FACE
         return f"{kind}, on a face" if on_face else f"{kind}, point"
     if kind == "hexahedra" and isinstance(source, Column):
         return "hexahedra, column"
@@ -313,12 +325,12 @@ def moment_forces(
     theory.md (5.15), (5.16). Where the sphere is cut off by the end of its ground, the weights are
     corrected to a sum of one and a first moment at the position.
     """
-    used, gradients = _averaged(nodes, zone, position, radius, flat, nodes.slopes)
+    used, gradients = _averaged_slopes(nodes, zone, position, radius, flat)
     return nodes.zone_nodes[used].ravel(), (gradients @ tensor).reshape(-1, 3)
 
 
-def _averaged(nodes, zone, position, radius, flat, values):
-    """Return zones (n,) and the average of values of zones and local coordinates over a sphere."""
+def _averaged_slopes(nodes, zone, position, radius, flat):
+    """Return zones (n,) and the averages over a sphere of the slopes of their shape functions."""
     mesh, position = nodes.mesh, np.asarray(position, dtype=float)
     offsets, weight = sphere_rule(flat)
     own = _own_ground(mesh, zone, position, radius)
@@ -330,8 +342,7 @@ def _averaged(nodes, zone, position, radius, flat, values):
         inside = np.zeros(1, dtype=bool)
     if not inside.all():
         weight = _corrected(weight, smooth, offsets)
-    each = values(zones, local)
-    each = each * weight.reshape(-1, *(1,) * (each.ndim - 1))
+    each = weight[:, None, None] * nodes.slopes(zones, local)
     order = np.argsort(zones, kind="stable")
     used, first = np.unique(zones[order], return_index=True)
     return used, np.add.reduceat(each[order], first)
