@@ -14,8 +14,6 @@ LABELS = {
     "sobol": ("Sobol sequence", "0.6"),
     "paper": ("paper's annealing", "tab:red"),
     "paper_eq15": ("the same by its eq. (15)", "tab:orange"),
-    "adaptive": ("adaptive annealing", "tab:brown"),
-    "evolution": ("differential evolution", "tab:green"),
     "surrogate": ("Gaussian process", "tab:blue"),
     "levenberg": ("Gauss-Newton (Levenberg)", "tab:purple"),
 }

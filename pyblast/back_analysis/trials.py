@@ -82,7 +82,7 @@ def evaluate(target: Target, points) -> list[dict]:
     -------
     list of dict
         ``misfit``, infinite where a run failed, with the reason in ``error``; its ``residuals``,
-        of waveforms before whitening, none where a run failed or the misfit has none;
+        none where a run failed or the misfit has none;
         ``simulated`` with ``ppv`` in m/s and ``frequency`` in Hz by blast and receiver;
         ``wall_seconds``.
     """
@@ -107,12 +107,11 @@ def evaluate(target: Target, points) -> list[dict]:
 def misfit_of(target: Target, motions) -> tuple[float, np.ndarray]:
     """Return the mean misfit over blasts and receivers of simulated motions, one dict a blast.
 
-    Also the residuals of all of them, (n,), none where the misfit has none; of waveforms before
-    whitening.
+    Also the residuals of all of them, (n,), none where the misfit has none. Of waveforms it is the
+    share of the energy of the records that is not explained.
     """
     if target.waveforms is not None:
-        residuals = target.waveforms.residuals(motions)
-        return target.waveforms.whitened(residuals)[0], residuals
+        return target.waveforms.remaining(motions), np.zeros(0)
     misfits, residuals = zip(
         *(
             misfit_to(target.misfit, record, simulated[name], band_of(project))
@@ -253,26 +252,15 @@ class Trials:
 
     def __call__(self, points) -> np.ndarray:
         """Return the misfits (m,) of points (m, n), from the log or from runs."""
-        return np.array([self._measured(row)[0] for row in self._rows(points)])
+        return np.array([row["misfit"] for row in self._rows(points)])
 
     def vectors(self, points) -> tuple[np.ndarray, np.ndarray]:
         """Return misfits (m,) and residuals (m, k), infinite where a run failed."""
         rows = self._rows(points)
         failed = np.full(max(1, *(len(row["residuals"]) for row in self.log.rows)), math.inf)
-        measured = [self._measured(row) for row in rows]
-        residuals = np.array([vector if len(vector) else failed for _, vector in measured])
-        return np.array([misfit for misfit, _ in measured]), residuals
-
-    def misfits(self) -> np.ndarray:
-        """Return the misfits of all evaluations with the present covariance."""
-        return np.array([self._measured(row)[0] for row in self.log.rows[: self.count]])
-
-    def _measured(self, row):
-        """Return misfit and residuals of a row; waveforms with the present covariance."""
-        waves = self.target.waveforms
-        if waves is None or not len(row["residuals"]):
-            return row["misfit"], row["residuals"]
-        return waves.whitened(np.array(row["residuals"]))
+        vectors = [row["residuals"] for row in rows]
+        residuals = np.array([vector if len(vector) else failed for vector in vectors])
+        return np.array([row["misfit"] for row in rows]), residuals
 
     def _rows(self, points):
         """Return the rows of points (m, n), evaluated and logged if they are not in the log."""

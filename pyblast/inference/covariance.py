@@ -9,8 +9,8 @@ import numpy as np
 from scipy import linalg, optimize
 
 from ..errors import InputError
-from .error_model import Nuisances, mesh_columns, nuisances, scattering
-from .records import Band, Noise, symmetric_root
+from .error_model import Nuisances, mesh_columns, nuisances, scattering, shaped
+from .records import Band, Noise, Records, symmetric_root
 
 SCATTER = "scatter"
 LEVELS = {
@@ -407,3 +407,94 @@ def error_columns(motion, band: Band, mesh_errors=()) -> Nuisances:
         alone = alone.reshape(-1, *errors.shape[1:])
         parts += mesh_columns(alone[np.any(alone, axis=(1, 2, 3, 4))], band)
     return parts
+
+
+MEMORY = 0.2  # s, decay time of the power of a coda
+N_PATH = 6  # cosines over log frequency of a transfer error, in and out of phase
+
+
+@dataclass(frozen=True, eq=False)
+class RecordBlocks:
+    """Covariance of the errors of each record by levels: noise, scattering, transfer error, coda.
+
+    Parameters
+    ----------
+    noise : (n_blasts, n_receivers, 3 n_functions, 3 n_functions) float64, (m/s)2
+        One on the diagonal where a function is lost.
+    scatter, path, coda : (n_blasts, n_receivers, 3, n_functions, n_functions) float64, (m/s)2
+        At a level of one: with the energy of the simulated motion of each channel.
+    energy : (n_blasts, n_receivers) float64, (m/s)2
+        Of the records.
+    noise_energy : the same shape
+        Expected of their noise.
+    """
+
+    noise: np.ndarray
+    scatter: np.ndarray
+    path: np.ndarray
+    coda: np.ndarray
+    energy: np.ndarray
+    noise_energy: np.ndarray
+
+    def whiten(self, rows, scatter: float, path: float, coda: float) -> tuple[np.ndarray, float]:
+        """Return rows (k, n_blasts, n_receivers, 3 n_functions) whitened, and the log determinant.
+
+        Parameters
+        ----------
+        rows : array
+        scatter, path, coda : float
+            Levels, in shares of the energy of each channel.
+        """
+        n = self.scatter.shape[-1]
+        errors = scatter * self.scatter + path * self.path + coda * self.coda
+        total = self.noise.copy()
+        for c in range(3):
+            each = slice(c * n, (c + 1) * n)
+            total[..., each, each] += errors[:, :, c]
+        roots = np.linalg.cholesky(total)
+        logarithm = 2.0 * np.sum(np.log(np.diagonal(roots, axis1=-2, axis2=-1)))
+        return _each(np.linalg.inv(roots), rows), float(logarithm)
+
+    def above_noise(self, remaining) -> np.ndarray:
+        """Return the share of the energy of each record that remains above its noise."""
+        energy = np.sum(np.asarray(remaining) ** 2, axis=(-2, -1)) - self.noise_energy
+        return np.maximum(energy, 0.0) / np.maximum(self.energy, np.finfo(float).tiny)
+
+
+def record_blocks(records: Records, motion) -> RecordBlocks:
+    """Build the covariance of the errors of each record around a simulation.
+
+    Parameters
+    ----------
+    records : Records
+    motion : (n_blasts, n_receivers, 3, n_samples) float, m/s
+
+    Notes
+    -----
+    theory.md (7.11), (7.16), (12.9).
+    """
+    band = records.band
+    shape, size = records.motion.shape[:2], 3 * band.n_functions
+    noise = np.array([records.noise.covariance(band, b, r) for b, r in np.ndindex(shape)])
+    noise = noise.reshape(*shape, size, size)
+    power = np.diagonal(noise, axis1=-2, axis2=-1)
+    lost = np.where(power > 0.0, 0.0, 1.0)
+    held, recorded = band.project(motion), band.project(records.motion)
+    energy = np.sum(held**2, axis=-1)
+    parts = shaped(motion, band, range(N_PATH), (1.0, 1j))
+    each = np.maximum(np.sum(parts**2, axis=-1, keepdims=True), np.finfo(float).tiny)
+    parts = parts * np.sqrt(energy[..., None] / each / len(parts))
+    return RecordBlocks(
+        noise + lost[..., None] * np.eye(size),
+        _of_energy(scattering(motion, band), energy),
+        np.einsum("kbrci,kbrcj->brcij", parts, parts),
+        _of_energy(scattering(motion, band, MEMORY), energy),
+        np.sum(recorded**2, axis=(-2, -1)),
+        np.sum(power, axis=-1),
+    )
+
+
+def _of_energy(blocks, energy):
+    """Return covariances of channels with an energy."""
+    trace = np.trace(blocks, axis1=-2, axis2=-1)
+    return blocks * (energy / np.maximum(trace, np.finfo(float).tiny))[..., None, None]

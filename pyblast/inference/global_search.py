@@ -1,4 +1,4 @@
-"""Global searches: annealing, differential evolution, random sampling, Gaussian process."""
+"""Global searches: annealing, random sampling, Gaussian process."""
 
 import math
 from contextlib import suppress
@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy import linalg, optimize
-from scipy.optimize import differential_evolution
 from scipy.stats import norm, qmc
 
 from .parameter import Evaluations, Problem, Spent, Trace
@@ -157,108 +156,6 @@ def sobol_points(n_parameters, count, seed) -> np.ndarray:
     """
     sobol = qmc.Sobol(n_parameters, rng=np.random.default_rng(seed))
     return sobol.random(2 ** math.ceil(math.log2(max(2, count))))[:count]
-
-
-FIRST = 8  # points of a Sobol sequence, one batch; the best of them is the start
-STEP = 0.2  # of each range, at first
-ACCEPTED = 0.2  # share of accepted moves at which the step stays
-GROWTH = 1.5  # factor on the step after an accepted move
-HEAT = 0.5  # first temperature over the median excess of the misfit
-COOLING = 0.9  # factor on the temperature at each evaluation
-SMALLEST = 1e-3  # step at which a chain ends
-
-
-def adaptive_annealing(problem: Problem, budget: int, seed: int) -> Trace:
-    """Adaptive annealing: Metropolis steps whose size keeps one in five accepted.
-
-    Parameters
-    ----------
-    problem : Problem
-    budget : int
-    seed : int
-
-    Returns
-    -------
-    Trace
-        That of a smaller budget is its beginning.
-
-    Notes
-    -----
-    The temperature starts at half the median excess of the first misfits over their least, so
-    that it suits misfits of any size. The step follows Rechenberg's 1/5 success rule. A chain ends
-    when its step is small; the next starts at a random point.
-    """
-    evaluations, rng = Evaluations(problem, budget), np.random.default_rng(seed)
-    steps = evaluations.steps = set[int]()
-    with suppress(Spent):
-        points = sobol_points(problem.n_parameters, FIRST, rng)
-        misfits = evaluations.at(points)
-        finite = misfits[np.isfinite(misfits)]
-        heat = HEAT * float(np.median(finite) - finite.min()) if len(finite) else 0.0
-        start = int(np.argmin(misfits))
-        steps.add(start)
-        _chain(evaluations, steps, rng, points[start], misfits[start], heat)
-        while True:
-            x = rng.random(problem.n_parameters)
-            misfit = evaluations.at(x[None])[0]
-            steps.add(len(evaluations.misfits) - 1)
-            _chain(evaluations, steps, rng, x, misfit, heat)
-    return evaluations.trace()
-
-
-def _chain(evaluations, steps, rng, x, misfit, temperature):
-    """Run one chain until its step is small."""
-    step = STEP
-    while step > SMALLEST:
-        trial = _mirrored(x + step * rng.standard_normal(len(x)))
-        trial_misfit = evaluations.at(trial[None])[0]
-        rise = trial_misfit - misfit
-        if rise <= 0.0 or (temperature > 0.0 and rng.random() < math.exp(-rise / temperature)):
-            steps.add(len(evaluations.misfits) - 1)
-            x, misfit = trial, trial_misfit
-            step = min(STEP, step * GROWTH)
-        else:
-            step *= GROWTH ** (-ACCEPTED / (1.0 - ACCEPTED))
-        temperature *= COOLING
-
-
-def _mirrored(x):
-    """Return a point reflected at the faces of the unit cube."""
-    return 1.0 - np.abs(1.0 - np.mod(x, 2.0))
-
-
-POPULATION = 16  # two batches of eight
-GENERATIONS = 10**6  # more than any budget
-
-
-def evolution_search(problem: Problem, budget: int, seed: int) -> Trace:
-    """Differential evolution of SciPy, from a Sobol sequence, without polishing.
-
-    Parameters
-    ----------
-    problem : Problem
-    budget : int
-    seed : int
-
-    Returns
-    -------
-    Trace
-        That of a smaller budget is its beginning.
-
-    Notes
-    -----
-    Storn & Price (1997); each generation is evaluated at once (updating deferred).
-    """
-    evaluations, n = Evaluations(problem, budget), problem.n_parameters
-    with suppress(Spent):
-        while True:
-            rng = np.random.default_rng([seed, budget - evaluations.remaining])
-            differential_evolution(
-                lambda unit: evaluations.at(unit.T), [(0.0, 1.0)] * n,
-                init=sobol_points(n, POPULATION, rng), rng=rng, maxiter=GENERATIONS, tol=0.0,
-                polish=False, updating="deferred", vectorized=True,
-            )  # fmt: skip
-    return evaluations.trace()
 
 
 LENGTHS = (0.05, 10.0)  # bounds of correlation lengths in the unit cube

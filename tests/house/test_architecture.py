@@ -32,7 +32,6 @@ ONE_ROOM = {
     "_core_batch": {"core"},
     "_core_single": {"core"},
     "gmsh": {"mesh.gmsh"},
-    "emcee": {"inference.posterior"},
     "ezdxf": {"readers.drawings"},
     "tifffile": {"readers.geometry"},
     "openpyxl": {"readers.cells", "workflows"},  # read, written

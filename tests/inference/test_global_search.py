@@ -8,8 +8,6 @@ import pytest
 from pyblast.errors import InputError
 from pyblast.inference.gauss_newton import levenberg_search
 from pyblast.inference.global_search import (
-    adaptive_annealing,
-    evolution_search,
     fit_gaussian_process,
     hyperparameters,
     random_search,
@@ -18,7 +16,7 @@ from pyblast.inference.global_search import (
 )
 from pyblast.inference.parameter import Evaluations, Problem, Spent
 
-LEARNING = [adaptive_annealing, evolution_search, levenberg_search, surrogate_search]
+LEARNING = [levenberg_search, surrogate_search]
 ALL = [random_search, sobol_search, *LEARNING]
 EACH = pytest.mark.parametrize("search", ALL)
 LOWEST = np.array([0.2, 0.4, 0.6, 0.7])
@@ -138,7 +136,7 @@ def test_every_search_that_learns_beats_random_search_on_a_bowl(search):
 
 @pytest.mark.parametrize(
     ("search", "misfit"),
-    [(adaptive_annealing, 1e-3), (evolution_search, 2e-2), (levenberg_search, 1e-15),
+    [(levenberg_search, 1e-15),
      (surrogate_search, 1e-3)],
 )  # fmt: skip
 def test_a_search_reaches_the_bottom_of_a_bowl(search, misfit):
@@ -147,14 +145,14 @@ def test_a_search_reaches_the_bottom_of_a_bowl(search, misfit):
 
 @pytest.mark.parametrize(
     ("search", "misfit"),
-    [(adaptive_annealing, 0.15), (evolution_search, 0.1), (levenberg_search, 1e-8),
+    [(levenberg_search, 1e-8),
      (surrogate_search, 0.15)],
 )  # fmt: skip
 def test_a_search_follows_a_bent_valley(search, misfit):
     assert found(search, valley, 200) < misfit  # random: 0.2
 
 
-@pytest.mark.parametrize("search", [adaptive_annealing, levenberg_search])
+@pytest.mark.parametrize("search", [levenberg_search])
 def test_a_search_with_steps_says_which_points_it_went_on_from(search):
     trace = search(bowl(), 60, 0)
 

@@ -22,7 +22,7 @@ RANGES = {
     "joints.F1.cohesion_kpa": (90, 1000),
     "damping.ratio": (0.005, 0.05),
 }
-PAPER = {"method": "paper", "runs": 5}
+PAPER = {"method": "paper", "misfit": "paper", "runs": 5}
 STRONG = ("cohesion_kpa = 20", "cohesion_kpa = 100"), ("tension_kpa = 0", "tension_kpa = 1e6")
 
 
