@@ -667,7 +667,7 @@ def _in_band(records: Records, band) -> Records:
 
 
 def firings_of(blast: Project, receivers: Sequence[str]) -> Firings | None:
-    """Return the firings of a blast as receivers hear them; None where nothing fires by hole."""
+    """Return the firings of a blast with their travel times; None where nothing fires by hole."""
     config, fired = blast.config, blast.blast
     if fired is None or (config.holes_inside is None and config.signature is None):
         return None

@@ -310,13 +310,13 @@ def _sought(project, parameter):
     given = value_at(project.config, parameter.name)
     start = float(given) if given is not None and low <= given <= high else middle
     kind = KINDS.get(split_key(parameter.name.rpartition(".")[-1])[0], OTHER)
-    bare = Property(parameter.name, kind, 1.0, STEPS[kind], _set(parameter.name), 0.0,
+    plain = Property(parameter.name, kind, 1.0, STEPS[kind], _set(parameter.name), 0.0,
                     parameter, start)  # fmt: skip
-    ends = bare.coordinate(low), bare.coordinate(high)
+    ends = plain.coordinate(low), plain.coordinate(high)
     width = (ends[1] - ends[0]) / math.sqrt(12.0)
     mean = float(0.5 * (ends[0] + ends[1]))
-    other = replace(bare, sigma=width, mean=mean, step=min(bare.step, width))
-    return replace(other, change=lambda project, x: bare.change(project, float(bare.value(x))))
+    other = replace(plain, sigma=width, mean=mean, step=min(plain.step, width))
+    return replace(other, change=lambda project, x: plain.change(project, float(plain.value(x))))
 
 
 def _set(path):
@@ -377,7 +377,7 @@ def _held_geometry(mesh, priors):
 def _speed(name, key):
     """Return the change of a project by the logarithm of a factor on a wave speed."""
 
-    def change(project, x):
+    def change(project: Project, x: float) -> Project:
         rock = project.materials[name]
         speeds = {"cp": rock.cp, "cs": rock.cs}
         speeds[key] *= math.exp(x)
@@ -391,7 +391,7 @@ def _speed(name, key):
 def _stiffness(entry, key):
     """Return the change of a project by the logarithm of a factor on a joint stiffness."""
 
-    def change(project, x):
+    def change(project: Project, x: float) -> Project:
         entries = joint_of_surface(project.config.mesh)
         joints = [
             replace(joint, properties={**joint.properties,
@@ -408,7 +408,7 @@ def _stiffness(entry, key):
 def _thicker(number):
     """Return the change of a project by metres of thickness of a layer."""
 
-    def change(project, x):
+    def change(project: Project, x: float) -> Project:
         layers = list(project.config.mesh.layers)
         thickness = layers[number].thickness_m + x
         layers[number] = layers[number].model_copy(update={"thickness_m": thickness})
@@ -420,7 +420,7 @@ def _thicker(number):
 def _turned(key):
     """Return the change of a project by degrees of the dip or direction of all planes."""
 
-    def change(project, x):
+    def change(project: Project, x: float) -> Project:
         faults = [
             fault.model_copy(update={key: (getattr(fault, key) + x) % 360.0})
             for fault in project.config.mesh.faults
@@ -433,7 +433,7 @@ def _turned(key):
 def _moved(number):
     """Return the change of a project by metres of a plane along its normal."""
 
-    def change(project, x):
+    def change(project: Project, x: float) -> Project:
         faults = list(project.config.mesh.faults)
         fault = faults[number]
         dip, direction = (math.radians(a) for a in (fault.dip_deg, fault.dip_direction_deg))

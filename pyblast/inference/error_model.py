@@ -223,7 +223,7 @@ def _moving(parts, shape):
 
 @dataclass(frozen=True, eq=False)
 class Firings:
-    """Firings of a blast as each receiver hears them.
+    """Firings of a blast with the travel times to each receiver.
 
     Parameters
     ----------

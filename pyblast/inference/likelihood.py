@@ -82,19 +82,6 @@ class Counts(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Gaussian:
-    """Normal density: the covariance is known."""
-
-    def misfit(self, chi_square, counts: Counts):
-        """Return -2 ln L of each record, but for a constant."""
-        return counts.data * chi_square
-
-    def weights(self, chi_square, counts: Counts):
-        """Return the weights of squares that give the gradient of the misfit."""
-        return np.minimum(counts.data, np.ones_like(chi_square))
-
-
-@dataclass(frozen=True)
 class StudentT:
     """Student-t density of each record: its error level is uncertain, theory.md (14.1).
 
@@ -126,12 +113,12 @@ class Likelihood:
     records : Records
     covariance : Whitener
         Of noise and model error.
-    density : Gaussian or StudentT
+    density : StudentT
     """
 
     records: Records
     covariance: Whitener
-    density: Gaussian | StudentT
+    density: StudentT
 
     @property
     def n_data(self) -> np.ndarray:
