@@ -135,7 +135,7 @@ def _gathered(project, highest):
                     "blasts"
                 )
             if receiver.name in each.records:
-                record, azimuth = _geographic(each.records[receiver.name], receiver.azimuth)
+                record, azimuth = _geographic(each.comparable[receiver.name], receiver.azimuth)
                 records[each.name][receiver.name] = record
                 receivers[receiver.name] = position, azimuth
         if not records[each.name]:
