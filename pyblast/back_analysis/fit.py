@@ -119,10 +119,7 @@ class Runs:
         for n, (job, row) in enumerate(zip(jobs, varied, strict=True)):
             runs = done[n * len(row) : (n + 1) * len(row)]
             seconds = sum(run.wall_seconds for run in runs)
-            late = [
-                {name: s.shifted(-each.lead) for name, s in run.seismograms.items()}
-                for each, run in zip(row, runs, strict=True)
-            ]
+            late = [each.simulated(run.seismograms) for each, run in zip(row, runs, strict=True)]
             motion = sampled_motion(late, self.records.receivers, self.window)
             if job.probes:
                 self._slopes = self._of_probes(late)

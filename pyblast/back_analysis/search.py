@@ -249,7 +249,7 @@ def confirm(result: BackAnalysis, projects: Sequence[Project], progress=None) ->
         run, strength = run_with_slip(
             varied.model, varied.duration, input_band(varied), weak, progress
         )
-        simulated = {name: s.shifted(-varied.lead) for name, s in run.seismograms.items()}
+        simulated = varied.simulated(run.seismograms)
         recorded = target.recorded(project)
         comparisons = {
             name: compare(record, simulated[name], band_of(project))
