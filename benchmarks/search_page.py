@@ -11,7 +11,6 @@ DOCS = Path(__file__).resolve().parents[1] / "docs"
 PAGE, FIGURE = DOCS / "quality" / "searches.md", DOCS / "figures" / "searches.png"
 LABELS = {
     "random": ("random, the baseline", "black"),
-    "sobol": ("Sobol sequence", "0.6"),
     "paper": ("paper's annealing", "tab:red"),
     "paper_eq15": ("the same by its eq. (15)", "tab:orange"),
     "surrogate": ("Gaussian process", "tab:blue"),
@@ -50,7 +49,7 @@ of the ranges.
 | name | what it does |
 |---|---|
 | `paper`, `paper_eq15` | the paper's annealing, T0 = 1000 or F_max − F_min |
-| `random`, `sobol` | do not use earlier runs |
+| `random` | does not use earlier runs |
 | `adaptive` | Metropolis steps, one in five accepted, temperature from first misfits, restarts |
 | `evolution` | scipy's differential evolution, 16 members, a generation at once, no polishing |
 | `surrogate` | Gaussian process of the log misfit, expected improvement, batches of eight |

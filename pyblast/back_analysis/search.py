@@ -12,7 +12,6 @@ from ..inference.global_search import (
     paper,
     paper_eq15,
     random_search,
-    sobol_search,
     surrogate_search,
 )
 from ..inference.likelihood import MISFITS, SIGNED
@@ -42,7 +41,6 @@ METHODS: dict[str, Search] = {
     "paper": paper,
     "paper_eq15": paper_eq15,
     "random": random_search,
-    "sobol": sobol_search,
     "surrogate": surrogate_search,
     "levenberg": levenberg_search,
 }

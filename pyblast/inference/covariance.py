@@ -1,12 +1,11 @@
 """Covariance of residuals: noise and model error, with inferred levels, and its whitening."""
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
 
 import numpy as np
-from scipy import linalg, optimize
+from scipy import linalg
 
 from ..errors import InputError
 from .error_model import Nuisances, mesh_columns, nuisances, scattering, shaped
@@ -166,19 +165,6 @@ class Whitener:
         constant = self.n_data * math.log(2.0 * math.pi) + self.log_determinant
         return -0.5 * (self.chi_square(residual) + constant)
 
-    def scores(self, residual):
-        """Return the posterior mean of each nuisance over its level, (..., n_columns) float64.
-
-        With right levels the scores have the covariance ``I - (I + U U^T)^-1``; theory.md (7.18).
-        """
-        plain = self.turned(residual) / self.deviation
-        direction, strength, mixture = self._directions
-        return (plain @ direction.T / (1.0 + strength)) @ mixture.T
-
-    def with_levels(self, **levels):
-        """Return the whitener with other levels of some groups."""
-        return replace(self, levels={**self.levels, **levels})
-
 
 def whitener(
     noise: Noise,
@@ -254,152 +240,8 @@ def _each(blocks, numbers):
     return (blocks @ flat.transpose(1, 2, 3, 0)).transpose(3, 0, 1, 2).reshape(numbers.shape)
 
 
-NORMAL_95 = 1.6448536269514722
-FARTHEST = 12.0
-STEP = 1e-3
-
-
-class Prior(NamedTuple):
-    """Prior of a level: a scaled inverse chi-square density of its square.
-
-    Parameters
-    ----------
-    level : float
-        Standard deviation, in the unit of its group.
-    weight : float
-        Degrees of freedom. The square of the level has the inverse-gamma density of shape
-        ``weight / 2`` and scale ``weight level^2 / 2``.
-    """
-
-    level: float
-    weight: float
-
-
-WEIGHT = 4.0
-PRIORS = {group: Prior(level, WEIGHT) for group, level in LEVELS.items()}
-
-
-class Levels(NamedTuple):
-    """Inferred levels.
-
-    Parameters
-    ----------
-    whitener : Whitener
-        With the most probable levels.
-    intervals : dict of str to (low, high)
-        Of 90 %, from the Hessian in the logarithm of each level.
-    converged : bool
-    """
-
-    whitener: Whitener
-    intervals: dict[str, tuple[float, float]]
-    converged: bool
-
-
-def infer_levels(whitener: Whitener, residual, priors=None, fitted=()) -> Levels:
-    """Infer the levels of nuisances and scattering from a residual: variance components.
-
-    Parameters
-    ----------
-    whitener : Whitener
-        Only its groups matter, not its levels.
-    residual : (n_blasts, n_receivers, 3, n_samples) float, m/s
-    priors : dict of str to Prior, optional
-        Instead of those of ``PRIORS``: 1 ms, 5 % and 0.05 rad, 10 % scattered, each with four
-        degrees of freedom.
-    fitted : (n, n_blasts, n_receivers, 3, n_samples) float, m/s, optional
-        Change by one prior standard deviation of each parameter that was fitted to these records
-        and may have absorbed part of the errors.
-
-    Raises
-    ------
-    InputError
-        If a group has no prior, or its prior is not positive.
-
-    Notes
-    -----
-    Maximum of the marginal likelihood times inverse-gamma priors, over the logarithms of the
-    levels. There the scores of each group have the sum of squares predicted by their covariance,
-    up to the prior; theory.md (7.18), (7.19). Fitted parameters count as nuisances of level one,
-    which makes the likelihood a restricted one (REML).
-    """
-    priors = {**PRIORS, **(priors or {})}
-    names = list(whitener.levels)
-    for name in names:
-        if name not in priors or not min(priors[name]) > 0.0:
-            raise InputError(f"infer_levels.priors.{name}: needs a positive level and weight")
-    if not names:
-        return Levels(whitener, {}, True)
-    members = np.array([names.index(group) for group in whitener.groups], dtype=int)
-    turned = whitener.turned(residual)
-    absorbed = np.array([whitener.turned(change) for change in fitted]).reshape(-1, len(turned))
-    weight, prior = np.array([(priors[n].weight, priors[n].level ** 2) for n in names]).T
-
-    def cost(log_variance):
-        value, slope = _evidence(whitener, turned, absorbed, members, names, log_variance)
-        ratio = prior / np.exp(log_variance)
-        value -= 0.5 * np.sum(weight * (log_variance + ratio))
-        return -value, -(slope - 0.5 * weight * (1.0 - ratio))
-
-    start = np.log(prior)
-    bounds = [(each - FARTHEST, each + FARTHEST) for each in start]
-    best = optimize.minimize(cost, start, jac=True, method="L-BFGS-B", bounds=bounds)
-    hessian = np.empty((len(names), len(names)))
-    for n, step in enumerate(STEP * np.eye(len(names))):
-        hessian[n] = (cost(best.x + step)[1] - cost(best.x - step)[1]) / (2.0 * STEP)
-    value, vector = linalg.eigh(0.5 * (hessian + hessian.T))
-    spread = np.sqrt(np.diag((vector / np.maximum(value, 1e-3)) @ vector.T))
-    levels = dict(zip(names, map(float, np.exp(0.5 * best.x)), strict=True))
-    reach = map(float, np.exp(0.5 * NORMAL_95 * spread))
-    intervals = {
-        n: (level / r, level * r) for (n, level), r in zip(levels.items(), reach, strict=True)
-    }
-    return Levels(whitener.with_levels(**levels), intervals, bool(best.success))
-
-
-def _evidence(whitener, turned, absorbed, members, names, log_variance):
-    """Return the log likelihood, up to a constant, and its gradient by log variances."""
-    variance = np.exp(log_variance)
-    scatter = variance[names.index(SCATTER)] if SCATTER in names else 0.0
-    scattered = scatter * whitener.spread.ravel()
-    deviation = np.sqrt(1.0 + scattered)
-    plain = turned / deviation
-    columns = np.vstack([whitener.columns * np.sqrt(variance[members])[:, None], absorbed])
-    columns = columns / deviation
-    factor = linalg.cholesky(np.eye(len(columns)) + columns @ columns.T, lower=True)
-    half = linalg.solve_triangular(factor, columns, lower=True)
-    along = half @ plain
-    inverse = linalg.solve_triangular(factor, np.eye(len(columns)), lower=True)
-    scores = inverse.T @ along
-    value = -0.5 * (plain @ plain - along @ along) - np.sum(np.log(np.diag(factor)))
-    value -= np.sum(np.log(deviation))
-    excess = scores**2 - 1.0 + np.sum(inverse**2, axis=0)
-    slope = 0.5 * np.bincount(members, excess[: len(members)], minlength=len(names))
-    if SCATTER in names:
-        excess = (plain - scores @ columns) ** 2 - 1.0 + np.sum(half**2, axis=0)
-        slope[names.index(SCATTER)] = 0.5 * np.sum(scattered / deviation**2 * excess)
-    if not math.isfinite(value):
-        raise InputError("infer_levels: the residual is not finite")
-    return float(value), slope
-
-
-def usual_whitener(motion, noise: Noise, band: Band, mesh_errors=()) -> Whitener:
-    """Return the covariance of residuals with the model error of a motion, at reference levels.
-
-    Parameters
-    ----------
-    motion : (n_blasts, n_receivers, 3, n_samples) float, m/s
-    noise : Noise
-    band : Band
-    mesh_errors : sequence of the same shape as the motion, m/s
-        Errors of the mesh, as of `mesh_error`; independent between receivers.
-    """
-    parts, spread = error_columns(motion, band, mesh_errors), scattering(motion, band)
-    return whitener(noise, band, len(motion), nuisances=parts, scattering=spread)
-
-
 def error_columns(motion, band: Band, mesh_errors=()) -> Nuisances:
-    """Return the nuisance columns of a motion, mesh error included; as `usual_whitener`."""
+    """Return the nuisance columns of a motion, mesh error included."""
     parts = nuisances(motion, band)
     if len(mesh_errors):
         errors = np.asarray(mesh_errors, dtype=np.float64)

@@ -142,13 +142,6 @@ def random_search(problem: Problem, budget: int, seed: int) -> Trace:
     return evaluations.trace()
 
 
-def sobol_search(problem: Problem, budget: int, seed: int) -> Trace:
-    """Evaluate a scrambled Sobol sequence; parameters and result as `random_search`."""
-    evaluations = Evaluations(problem, budget)
-    evaluations.at(sobol_points(problem.n_parameters, budget, seed))
-    return evaluations.trace()
-
-
 def sobol_points(n_parameters, count, seed) -> np.ndarray:
     """Return points (count, n_parameters) of a scrambled Sobol sequence.
 

@@ -11,13 +11,12 @@ from pyblast.inference.global_search import (
     fit_gaussian_process,
     hyperparameters,
     random_search,
-    sobol_search,
     surrogate_search,
 )
 from pyblast.inference.parameter import Evaluations, Problem, Spent
 
 LEARNING = [levenberg_search, surrogate_search]
-ALL = [random_search, sobol_search, *LEARNING]
+ALL = [random_search, *LEARNING]
 EACH = pytest.mark.parametrize("search", ALL)
 LOWEST = np.array([0.2, 0.4, 0.6, 0.7])
 STEEPNESS = np.array([1.0, 1.7, 2.3, 3.0])
