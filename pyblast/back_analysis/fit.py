@@ -111,8 +111,11 @@ class Runs:
         if not jobs:
             return []
         varied = [[job.project(blast) for blast in self.blasts] for job in jobs]
-        models = [self._model(each, job.probes) for job, row in zip(jobs, varied, strict=True)
-                  for each in row]  # fmt: skip
+        models = [
+            self._model(each, job.probes)
+            for job, row in zip(jobs, varied, strict=True)
+            for each in row
+        ]
         duration = max(each.duration for row in varied for each in row)
         done = run_all(models, duration, folder=self.folder, executor=self.executor)
         answers = []
@@ -124,10 +127,16 @@ class Runs:
             if job.probes:
                 self._slopes = self._of_probes(late)
             self.count, self.seconds = self.count + 1, self.seconds + seconds
-            self.report({
-                "number": self.count, "purpose": job.purpose, "coordinates": job.coordinates,
-                "misfit": remaining(self.records, motion), "wall_seconds": seconds,
-            })  # fmt: skip
+            self.report(
+                {
+                    "number": self.count,
+                    "purpose": job.purpose,
+                    "coordinates": job.coordinates,
+                    "misfit": remaining(self.records, motion),
+                    "wall_seconds": seconds,
+                    "stored": all(run.from_cache for run in runs),
+                }
+            )
             answers.append(motion)
         return answers
 
@@ -150,8 +159,9 @@ class Runs:
             if receiver.name not in self.records.receivers:
                 continue
             at = np.asarray(receiver.position, dtype=float)
-            for name, aside in zip("wesn", step * np.array([[-1, 0], [1, 0], [0, -1], [0, 1]]),
-                                   strict=True):  # fmt: skip
+            for name, aside in zip(
+                "wesn", step * np.array([[-1, 0], [1, 0], [0, -1], [0, 1]]), strict=True
+            ):
                 position = _beside(project.mesh, at, aside)
                 yield replace(receiver, name=f"{receiver.name} {name}", position=position)
 
@@ -232,9 +242,15 @@ def on_mesh_of_band(blasts: Sequence[Project], highest: float) -> tuple[Project,
     meshed = []
     for blast in blasts:
         other = blast.changed(mesh=for_band(blast, highest))
-        same = next((m for b, m in zip(blasts, meshed, strict=False)
-                     if (b.config.mesh, b.config.ground) == (blast.config.mesh, blast.config.ground)
-                     and not damages_material(blast.config.ground)), other)  # fmt: skip
+        same = next(
+            (
+                m
+                for b, m in zip(blasts, meshed, strict=False)
+                if (b.config.mesh, b.config.ground) == (blast.config.mesh, blast.config.ground)
+                and not damages_material(blast.config.ground)
+            ),
+            other,
+        )
         shared = {"mesh": same.mesh, "ground": same.ground}
         meshed.append(replace(other, given={**other.given, **shared}))
     return tuple(meshed)
@@ -362,13 +378,18 @@ class Fit:
         shares = self.posterior.shares_of_variance(self.sought, held)
         shifts = self.posterior.shifts_if_held(self.sought, held)
         return [
-            {"parameter": self.names[n],
-             "held": sorted(
-                 ({"name": self.names[h], "share": float(share), "shift": float(shift)}
-                  for h, share, shift in zip(held, shares[row], shifts[row], strict=True)),
-                 key=lambda each: -each["share"])}
+            {
+                "parameter": self.names[n],
+                "held": sorted(
+                    (
+                        {"name": self.names[h], "share": float(share), "shift": float(shift)}
+                        for h, share, shift in zip(held, shares[row], shifts[row], strict=True)
+                    ),
+                    key=lambda each: -each["share"],
+                ),
+            }
             for row, n in enumerate(self.sought)
-        ]  # fmt: skip
+        ]
 
 
 def _of_programs(each):
@@ -380,10 +401,11 @@ def _of_programs(each):
 def _bounds(properties):
     """Return the bounds of coordinates, (n,) each."""
     rows = [
-        (-np.inf, np.inf) if each.parameter is None
+        (-np.inf, np.inf)
+        if each.parameter is None
         else (each.coordinate(each.parameter.low), each.coordinate(each.parameter.high))
         for each in properties
-    ]  # fmt: skip
+    ]
     low, high = np.array(rows, dtype=float).T
     return low, high
 
@@ -405,9 +427,7 @@ class Fitter:
         self.runs, self.written = runs, written or (lambda _: None)
         self.progress = progress or (lambda *_: None)
         first = runs.blasts[0]
-        everything = (
-            *sought_properties(first, parameters), *held_properties(first, parameters)
-        )  # fmt: skip
+        everything = (*sought_properties(first, parameters), *held_properties(first, parameters))
         self.properties, self.priors = everything, first.config.priors
         self.left_out: dict[str, str] = {}
         self.sigma = np.array([each.sigma for each in everything])
@@ -634,8 +654,10 @@ class Fitter:
         )
         source = SOURCE * shaped(state.motion, band, range(4), (1.0, 1j))
         mesh = UNCORRECTED * band.project(self.correction)
-        each = [np.where(np.arange(mesh.shape[1])[:, None, None] == r, mesh, 0.0)
-                for r in range(mesh.shape[1])]  # fmt: skip
+        each = [
+            np.where(np.arange(mesh.shape[1])[:, None, None] == r, mesh, 0.0)
+            for r in range(mesh.shape[1])
+        ]
         others = Nuisances(
             np.concatenate([source, [mesh], each]),
             ("source",) * len(source) + ("mesh",) * (1 + len(each)),
@@ -646,10 +668,19 @@ class Fitter:
         """Return the fit at a state."""
         _, size = self._step(state, posterior)
         return Fit(
-            self.runs.blasts, self.properties, state.x.copy(), posterior, size < ENOUGH, size,
-            remaining(self.runs.records, state.motion), self.starts, self.runs.seconds,
-            self.runs.count, dict(self.left_out), tuple(self.trace),
-        )  # fmt: skip
+            self.runs.blasts,
+            self.properties,
+            state.x.copy(),
+            posterior,
+            size < ENOUGH,
+            size,
+            remaining(self.runs.records, state.motion),
+            self.starts,
+            self.runs.seconds,
+            self.runs.count,
+            dict(self.left_out),
+            tuple(self.trace),
+        )
 
 
 def _copied(state):

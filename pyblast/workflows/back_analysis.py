@@ -65,6 +65,7 @@ def back_analyse(
     *,
     fresh: bool = False,
     full: bool = False,
+    runs: str | Path | None = None,
     executor: Executor | None = None,
     progress: Progress | None = None,
     say: Say | None = None,
@@ -83,6 +84,9 @@ def back_analyse(
         Start a new search beside an unfinished one.
     full : bool
         Take the table ``[full]`` of the project file.
+    runs : path, optional
+        Folder of stored runs of a fit of waveforms, which several searches may share; ``runs`` in
+        the folder of the result by default.
     executor : concurrent.futures.Executor, optional
         Such as `workers`, or what ``dask.distributed.Client.get_executor`` returns. The result
         does not depend on it.
@@ -123,7 +127,10 @@ def back_analyse(
         if target.waveforms is None:
             result = _searched(target, table, folder, searched, goes_on, executor, progress)
         else:
-            result = _fitted(target, table, folder, searched, before, executor, progress, say)
+            stored = folder / RUNS if runs is None else Path(runs)
+            result = _fitted(
+                target, table, folder, searched, before, stored, executor, progress, say
+            )
         _write(folder, result, before, table, finished=False)
         result = _completed(result, progress)
         tell("writing", 0, 1)
@@ -162,7 +169,9 @@ def _searched(target, table, folder, searched, goes_on, executor, progress) -> B
                         seconds=seconds)  # fmt: skip
 
 
-def _fitted(target, table, folder, searched, before, executor, progress, say) -> BackAnalysis:
+def _fitted(
+    target, table, folder, searched, before, stored, executor, progress, say
+) -> BackAnalysis:
     """Fit waveforms; runs are stored, so that a search goes on whatever its number of runs."""
     waves = waveforms_of(target)
     trial_log = TrialLog(folder / TRIALS, searched)
@@ -171,7 +180,7 @@ def _fitted(target, table, folder, searched, before, executor, progress, say) ->
         trial_log.add([row])
 
     blasts = on_mesh_of_band(target.projects, waves.window.band[1])
-    runs = Runs(blasts, waves.records, waves.window, table.runs, folder / RUNS, executor, report)
+    runs = Runs(blasts, waves.records, waves.window, table.runs, stored, executor, report)
     fitter = Fitter(runs, target.parameters, progress)
     (say or silent)(_estimate(fitter, runs))
 
