@@ -13,7 +13,6 @@ LABELS = {
     "random": ("random, the baseline", "black"),
     "paper": ("paper's annealing", "tab:red"),
     "paper_eq15": ("the same by its eq. (15)", "tab:orange"),
-    "surrogate": ("Gaussian process", "tab:blue"),
     "levenberg": ("Gauss-Newton (Levenberg)", "tab:purple"),
 }
 TITLES = {"paper": "The paper's misfit", "waveform": "Waveform least squares"}
@@ -50,9 +49,6 @@ of the ranges.
 |---|---|
 | `paper`, `paper_eq15` | the paper's annealing, T0 = 1000 or F_max − F_min |
 | `random` | does not use earlier runs |
-| `adaptive` | Metropolis steps, one in five accepted, temperature from first misfits, restarts |
-| `evolution` | scipy's differential evolution, 16 members, a generation at once, no polishing |
-| `surrogate` | Gaussian process of the log misfit, expected improvement, batches of eight |
 | `levenberg` | damped Gauss–Newton on residuals, differences in one batch, Broyden updates |
 """
 MIDDLE = 20.0  # mean distance of even truths in the inner 80 % from the middle, % of the ranges

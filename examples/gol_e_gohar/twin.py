@@ -39,7 +39,6 @@ BLASTS = {"as assumed": 1.0, "weak": 0.03}  # factors on the motion of the singl
 SEARCHES = {  # method and misfit
     "paper": ("paper", "paper"),
     "random": ("random", "paper"),
-    "surrogate": ("surrogate", "paper"),
     "waveforms": ("levenberg", "waveform"),
 }
 NOISE, SEED = 0.02, 1  # rms of the noise as a share of the PPV of each component

@@ -12,7 +12,6 @@ from ..inference.global_search import (
     paper,
     paper_eq15,
     random_search,
-    surrogate_search,
 )
 from ..inference.likelihood import MISFITS, SIGNED
 from ..inference.parameter import Parameter, Search, Trace
@@ -41,7 +40,6 @@ METHODS: dict[str, Search] = {
     "paper": paper,
     "paper_eq15": paper_eq15,
     "random": random_search,
-    "surrogate": surrogate_search,
     "levenberg": levenberg_search,
 }
 
@@ -188,7 +186,7 @@ def make_target(project: Project) -> Target:
     if table.method == "levenberg" and table.misfit not in SIGNED:
         raise InputError(
             f"{where}.method: 'levenberg' needs residuals, and misfit '{table.misfit}' has "
-            "none; take 'surrogate'"
+            "none; take 'random'"
         )
     blasts = blasts_of(project)
     for blast in blasts:

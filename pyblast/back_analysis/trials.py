@@ -268,10 +268,7 @@ class Trials:
         side = self.target.batch
         jobs = [points[first : first + side] for first in range(0, len(points), side)]
         begins = self.count + side * np.arange(len(jobs))
-        ready = [
-            self._known(begin, job) or self._repeated(job)
-            for begin, job in zip(begins, jobs, strict=True)
-        ]
+        ready = [self._known(begin, job) for begin, job in zip(begins, jobs, strict=True)]
         if self.executor is not None:
             ready = [
                 self.executor.submit(evaluate, self.target, job) if rows is None else rows
@@ -313,16 +310,6 @@ class Trials:
                     "which had another number of runs or version; start anew with --fresh"
                 )
         return rows if len(rows) == len(job) else None
-
-    def _repeated(self, job):
-        """Return the rows of a job whose points were all run before."""
-        before = {tuple(row["values"]): row for row in self.log.rows}
-        rows = [before[tuple(point)] for point in job.tolist() if tuple(point) in before]
-        if len(rows) < len(job):
-            return None
-        copied = ("misfit", "residuals", "simulated", "error")
-        again = [{name: row[name] for name in copied if name in row} for row in rows]
-        return [row | {"wall_seconds": 0.0} for row in again]
 
     @staticmethod
     def _numbered(begin, job, rows):

@@ -313,7 +313,7 @@ def record_blocks(records: Records, motion) -> RecordBlocks:
 
     Notes
     -----
-    theory.md (7.11), (7.16), (12.9).
+    theory.md (7.11), (7.16), (12.5).
     """
     band = records.band
     shape, size = records.motion.shape[:2], 3 * band.n_functions

@@ -264,7 +264,7 @@ def hole_columns(motion, firings: Sequence[Firings | None], band: Band, deviatio
 
     Notes
     -----
-    theory.md (12.10): without a run, the part of a hole is that of holes which share the path of
+    theory.md (12.6): without a run, the part of a hole is that of holes which share the path of
     the blast but for its length.
     """
     motion = np.asarray(motion, dtype=float)

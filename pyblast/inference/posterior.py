@@ -90,7 +90,7 @@ class Linear:
         Returns
         -------
         (n_sought, n_held) float64
-            Squared posterior correlations; theory.md (12.11).
+            Squared posterior correlations; theory.md (12.7).
         """
         variance = np.maximum(np.diag(self.covariance), np.finfo(float).tiny)
         part = self.covariance[np.ix_(sought, held)]
@@ -104,7 +104,7 @@ class Linear:
         Returns
         -------
         (n_sought, n_held) float64
-            Theory.md (12.12).
+            Theory.md (12.8).
         """
         used = np.flatnonzero(self.prior > 0.0)
         precision = np.zeros_like(self.covariance)
@@ -139,7 +139,7 @@ def linear(
 
     Notes
     -----
-    theory.md (12.9): properties and nuisances are columns with a unit prior; the levels of the
+    theory.md (12.5): properties and nuisances are columns with a unit prior; the levels of the
     errors of records have equal prior weights on a grid, and posterior means and covariances are
     averaged by their evidence.
     """
