@@ -225,12 +225,13 @@ class Job:
 
     def project(self, blast: Project) -> Project:
         """Return a blast with these coordinates."""
-        sought = [p.parameter is not None for p in self.properties]
-        for first in (True, False):  # `vary` starts from the file, so what is held comes after
-            for each, x, own in zip(self.properties, self.at, sought, strict=True):
-                moves = x != 0.0 or (own and each.start_differs(blast))
-                if own is first and moves and each.kind != DENSITY:
-                    blast = each.change(blast, float(x))
+        pairs = list(zip(self.properties, self.at, strict=True))
+        for each, x in pairs:  # `vary` starts from the file, so what is held comes after
+            if each.parameter is not None:
+                blast = each.change(blast, float(x))
+        for each, x in pairs:
+            if each.parameter is None and each.kind != DENSITY and x:
+                blast = each.change(blast, float(x))
         if self.better:
             mesh = refined(blast, BETTER)
             blast = blast if mesh is None else blast.changed(mesh=mesh)

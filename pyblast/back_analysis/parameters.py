@@ -280,10 +280,6 @@ class Property:
         """Whether a search runs other values of it."""
         return self.kind not in (DENSITY, GEOMETRY)
 
-    def start_differs(self, project: Project) -> bool:
-        """Tell whether a project has another value than that of coordinate zero."""
-        return value_at(project.config, self.name) != self.start
-
     def value(self, coordinate):
         """Return the value of a parameter at a coordinate, in the unit of its key."""
         if self.relative:

@@ -62,19 +62,6 @@ class Target:
         return used_records(project, self.receivers)
 
 
-def waveforms_of(target: Target) -> Waveforms:
-    """Return the waveform data of a target.
-
-    Raises
-    ------
-    InputError
-        If its misfit is another.
-    """
-    if target.waveforms is None:
-        raise InputError(f"back_analysis.misfit: must be 'waveform', got {target.misfit!r}")
-    return target.waveforms
-
-
 def evaluate(target: Target, points) -> list[dict]:
     """Simulate points (m, n) and return their misfits, as rows of the log.
 

@@ -5,7 +5,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..errors import InputError, PyblastError
-from ..inference.error_model import mesh_error
 from ..inference.records import Noise, Records, band_functions, check_sampling, gather, noise_of
 from ..project.elements import edge_factor, refined
 from ..project.inputs import input_band
@@ -239,7 +238,8 @@ def mesh_errors_of(projects, motion, receivers, window, prepare=lambda _, other:
             motions += simulate(prepare(project, other), (), [()])
         except PyblastError as error:
             return (), f"the mesh error is not estimated: {error}"
-    return (mesh_error(motion, sampled_motion(motions, receivers, window), ratio, 1.0),), ""
+    coarse = sampled_motion(motions, receivers, window)
+    return ((motion - coarse) / (1.0 - ratio),), ""
 
 
 PER_KNOT = 2  # samples between the knots of the splines

@@ -42,7 +42,6 @@ class Whitener:
     groups : tuple of n_columns str
     levels : dict of str to float
         Standard deviation of each group, and of ``scatter``.
-    noise_log_determinant : float
     n_data_each : (n_blasts, n_receivers) int
         Coefficients of each record that carry data; fewer where samples are invalid.
     """
@@ -54,7 +53,6 @@ class Whitener:
     columns: np.ndarray
     groups: tuple[str, ...]
     levels: dict[str, float]
-    noise_log_determinant: float
     n_data_each: np.ndarray
 
     def __post_init__(self):
@@ -104,15 +102,6 @@ class Whitener:
         strength, mixture = linalg.eigh(columns @ columns.T)
         return mixture.T @ columns, np.maximum(strength, 0.0), mixture
 
-    @property
-    def log_determinant(self):
-        """Logarithm of the determinant of the whole covariance, in (m/s)^2n."""
-        return float(
-            self.noise_log_determinant
-            + 2.0 * np.sum(np.log(self.deviation))
-            + np.sum(np.log1p(self._directions[1]))
-        )
-
     def turned(self, residual):
         """Return a residual (..., n_blasts, n_receivers, 3, n_samples) in the turned basis.
 
@@ -160,11 +149,6 @@ class Whitener:
         along = plain @ direction.T
         return np.sum(plain**2, axis=-1) - np.sum(along**2 / (1.0 + strength), axis=-1)
 
-    def log_likelihood(self, residual):
-        """Return the logarithm of the Gaussian density of a residual, (...) float64."""
-        constant = self.n_data * math.log(2.0 * math.pi) + self.log_determinant
-        return -0.5 * (self.chi_square(residual) + constant)
-
 
 def whitener(
     noise: Noise,
@@ -197,17 +181,17 @@ def whitener(
     n_receivers, size = len(noise.variance), 3 * band.n_functions
     turns = np.empty((n_blasts, n_receivers, size, size))
     backs, spread = np.empty_like(turns), np.zeros(turns.shape[:3])
-    whole, log_determinant = {}, 0.0
+    whole = {}
     n_data = np.zeros((n_blasts, n_receivers), dtype=int)
     for b, r in np.ndindex(n_blasts, n_receivers):
         gapped = any((b, r, c) in band.gapped for c in range(3))
         if gapped or r not in whole:
-            root, logarithm, rank = _whitening_root(noise.covariance(band, b, r))
+            block = noise.covariance(band, b, r)
+            root, rank = symmetric_root(block, -0.5), np.count_nonzero(np.diag(block) > 0.0)
             if not gapped:
-                whole[r] = root, logarithm, rank
+                whole[r] = root, rank
         else:
-            root, logarithm, rank = whole[r]
-        log_determinant += logarithm
+            root, rank = whole[r]
         n_data[b, r] = rank
         turns[b, r], backs[b, r] = root, np.eye(size)
         if scattering is not None:
@@ -224,14 +208,7 @@ def whitener(
     levels = {name: LEVELS[name] for name in LEVELS if name in used} | (levels or {})
     if scattering is not None and not spread.any():  # no record exceeds its noise
         del levels[SCATTER]
-    return Whitener(band, turns, backs, spread, turned, groups, levels, log_determinant, n_data)
-
-
-def _whitening_root(block):
-    """Return the inverse root of a covariance, the logarithm of its determinant and its rank."""
-    rows = np.flatnonzero(np.diag(block) > 0.0)
-    logarithm = float(np.linalg.slogdet(block[np.ix_(rows, rows)])[1])
-    return symmetric_root(block, -0.5), logarithm, len(rows)
+    return Whitener(band, turns, backs, spread, turned, groups, levels, n_data)
 
 
 def _each(blocks, numbers):

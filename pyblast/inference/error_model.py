@@ -98,32 +98,6 @@ def _octave(n, n_padded, band):
     return np.log(np.clip(frequency, low, band.high) / low) / np.log(band.high / low)
 
 
-def mesh_error(simulated, other, ratio, order=2.0) -> np.ndarray:
-    """Return the error of a mesh from the same motion on another mesh.
-
-    Parameters
-    ----------
-    simulated, other : (...) float
-        On the working mesh and on one whose edges are ``ratio`` times as long.
-    ratio : float
-        Above 1 for a coarser, below 1 for a finer other mesh.
-    order : float
-        Order of convergence.
-
-    Raises
-    ------
-    InputError
-        If the ratio is 1 or not positive.
-
-    Notes
-    -----
-    Richardson: ``(s - s_other) / (1 - ratio^order)``, theory.md (7.15).
-    """
-    if not ratio > 0.0 or ratio == 1.0:
-        raise InputError(f"mesh_error.ratio: must be positive and not 1, got {ratio:g}")
-    return (np.asarray(simulated) - np.asarray(other)) / (1.0 - ratio**order)
-
-
 def mesh_columns(errors, band: Band) -> Nuisances:
     """Build one column of group ``mesh`` from each error (n, n_blasts, n_receivers, 3, n_samples).
 

@@ -20,7 +20,7 @@ from ..back_analysis.fit import (
 from ..back_analysis.parameters import range_of
 from ..back_analysis.search import METHODS, BackAnalysis, confirm, make_target, with_plan
 from ..back_analysis.survey_design import SurveyDesign, survey_design_of
-from ..back_analysis.trials import TrialLog, Trials, identity, waveforms_of
+from ..back_analysis.trials import TrialLog, Trials, identity
 from ..back_analysis.waveforms import (
     FINE,
     KNOTS_PER_PERIOD,
@@ -173,7 +173,8 @@ def _fitted(
     target, table, folder, searched, before, stored, executor, progress, say
 ) -> BackAnalysis:
     """Fit waveforms; runs are stored, so that a search goes on whatever its number of runs."""
-    waves = waveforms_of(target)
+    waves = target.waveforms
+    assert waves is not None  # else searched
     trial_log = TrialLog(folder / TRIALS, searched)
 
     def report(row):
