@@ -61,13 +61,12 @@ EXPECTED_STEPS = 3
 HALVINGS = 2
 WORSE = 1.1, 0.02  # factor on the energy that remains, and more, at which a step is shortened
 LACK = 0.01  # of the energy: more model error than this means that the model lacks something
-TIMED = 10  # steps of the estimate
 WORK_OF_BETTER = 3.5  # of a run on the better mesh, over one on the working mesh
 
 
 @dataclass(eq=False)
 class Runs:
-    """Runs of all blasts of a fit on the mesh of its band; a stored run is not repeated.
+    """Runs of all blasts of a fit on the mesh of its band; none is repeated.
 
     Parameters
     ----------
@@ -82,7 +81,7 @@ class Runs:
     executor : Executor, optional
         As of `run_all`.
     report : callable, optional
-        Gets each row of the log: number, purpose, coordinates, share of the energy that remains.
+        Gets each row of the log.
     """
 
     blasts: tuple[Project, ...]
@@ -94,7 +93,7 @@ class Runs:
     report: Callable[[dict], None] = lambda _: None
     count: int = 0
     seconds: float = 0.0
-    _slopes: np.ndarray | None = field(default=None, repr=False)
+    slopes: np.ndarray = field(default_factory=lambda: np.zeros(0))  # by east and north, 1/s
 
     def motions(self, jobs: Sequence["Job"]) -> list[np.ndarray]:
         """Run jobs side by side; return motion (n_blasts, n_receivers, 3, n_samples) of each.
@@ -125,7 +124,7 @@ class Runs:
             late = [each.simulated(run.seismograms) for each, run in zip(row, runs, strict=True)]
             motion = sampled_motion(late, self.records.receivers, self.window)
             if job.probes:
-                self._slopes = self._of_probes(late)
+                self.slopes = self._of_probes(late)
             self.count, self.seconds = self.count + 1, self.seconds + seconds
             self.report(
                 {
@@ -139,11 +138,6 @@ class Runs:
             )
             answers.append(motion)
         return answers
-
-    def slopes(self) -> np.ndarray:
-        """Return slopes (2, n_blasts, n_receivers, 3, n_samples) by east and north, 1/s."""
-        assert self._slopes is not None  # of the first run
-        return self._slopes
 
     def _model(self, project, probes) -> Model:
         """Return the model of a blast, with probes beside its receivers if wanted."""
@@ -266,8 +260,8 @@ def seconds_of_run(runs: Runs) -> float:
         prepared = prepare(replace(model, single=is_single(model)), blast.duration)
         views, state = prepared.begun()
         ready = time.perf_counter()
-        core.advance(views, state, 0, TIMED, LEDGER_EVERY)
-        step = (time.perf_counter() - ready) / TIMED
+        core.advance(views, state, 0, LEDGER_EVERY, LEDGER_EVERY)
+        step = (time.perf_counter() - ready) / LEDGER_EVERY
         total += ready - began + step * prepared.n_steps
     return total
 
@@ -436,7 +430,7 @@ class Fitter:
         self.moves = np.array([each.moves for each in everything])
         self.low, self.high = _bounds(everything)
         self.longest = np.array([LONGEST.get(each.kind, LONGEST_OTHER) for each in everything])
-        self.correction = self.change = self.probes = np.zeros(0)
+        self.correction = self.change = np.zeros(0)
         self.has_better = refined(first, BETTER) is not None
         if not self.has_better:
             self.left_out["the error of the mesh"] = "a mesh that is given is not made finer"
@@ -473,8 +467,7 @@ class Fitter:
                 f"back_analysis.runs: must be at least {needed} for the derivatives by what is "
                 f"looked for and held, got {self.runs.limit}"
             )
-        zero = np.zeros(len(self.properties))
-        start = self._first(np.clip(zero, self.low, self.high))
+        start = self._first(np.zeros(len(self.properties)))
         low, high = self.runs.window.band
         first = self._descend(_copied(start), self.runs.records)
         if first.converged and first.remaining < HALF:
@@ -505,7 +498,7 @@ class Fitter:
         jobs += [self._job("better mesh", x, better=True)] * self.has_better
         base, *others = self._run(jobs)
         better = others[0] if others else base
-        self.probes, self.correction = self.runs.slopes(), better - base
+        self.correction = better - base
         self.change = np.zeros((len(self.properties), *base.shape))
         state = _State(x, base, np.zeros_like(self.change))
         self._derive(state, base)
@@ -604,7 +597,7 @@ class Fitter:
         for _ in range(1 + HALVINGS):
             x = state.x + move
             plain = self._run([self._job("step", x)])[0]
-            motion = plain + self.correction + np.tensordot(x - self._origin, self.change, 1)
+            motion = plain + self.correction + np.tensordot(x, self.change, 1)
             missed = motion - state.motion - np.tensordot(move, state.slopes, 1)
             share = move / self.longest
             if share @ share > LONG**2:  # short ones would only spoil the derivatives
@@ -617,11 +610,6 @@ class Fitter:
         state.x, state.motion = x, motion
         self.trace.append({"coordinates": x.tolist(), "remaining": left_over})
         return move
-
-    @property
-    def _origin(self):
-        """Coordinates at which the better run was made."""
-        return np.clip(np.zeros(len(self.properties)), self.low, self.high)
 
     def _renew(self, state):
         """Take the derivatives anew at a state."""
@@ -645,7 +633,7 @@ class Fitter:
         priors = self.priors
         seconds = {"trigger": 1e-3 * priors.trigger_ms, "clock": 1e-3 * priors.clock_ms}
         shifts = shift_columns(
-            state.motion, self.probes, band, {**seconds, "receiver": priors.receiver_m}
+            state.motion, self.runs.slopes, band, {**seconds, "receiver": priors.receiver_m}
         )
         firings = [firings_of(blast, self.runs.records.receivers) for blast in self.runs.blasts]
         holes, lost = hole_columns(state.motion, firings, band, 1e-3 * priors.firing_ms)
