@@ -81,6 +81,7 @@ ORDER = [
     "internal_forces",
     "contacts",
     "boundaries",
+    "implicit_zones",
     "time_stepping",
     "energy_balance",
     "solver",
