@@ -107,8 +107,8 @@ def lines(found):
         "elastic joints of the mine's stiffness, edges of 5 m. Slivers are zones whose smallest "
         "altitude is below a tenth of their longest edge. The step is the bound that the program "
         "uses, before its factor of 0.8: of all zones as explicit ones, and with the smallest "
-        f"implicit. The true limit of the last mesh without these is "
-        f"{found['explicit_limit_ms']:.4f} ms, that of the assembled operator, by Lanczos iteration.",
+        "implicit. The true limit of the last mesh without these is that of the assembled "
+        f"operator, by Lanczos iteration: {found['explicit_limit_ms']:.4f} ms.",
         "",
         "| mesh | blocks | zones | slivers | explicit step ms | over raw | implicit zones "
         "| step ms | over raw |",

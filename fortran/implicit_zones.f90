@@ -3,7 +3,7 @@ module pyblast_implicit_zones
     !!
     !! (D + (dt^2/4) K) a = F - R v with the stiffness K of these zones alone, factored once as L B L^T
     !! in blocks of three. The explicit step with the force D a + R v then gives that motion.
-    !! Source: Hughes & Liu (1978); theory.md (2.54), (2.55).
+    !! Source: Hughes & Liu (1978); theory.md (2.53), (2.54).
     use pyblast_kinds, only : dp, least_shared
     use pyblast_batch, only : n_batch
     use pyblast_model_types, only : implicit_arrays, implicit_work, n_clusters

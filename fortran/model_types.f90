@@ -157,7 +157,7 @@ module pyblast_model_types
     end type boundary_arrays
 
     type, public :: implicit_arrays
-        !! Implicit zones: nodes cluster by cluster, and the factors of their matrix; theory.md (2.54).
+        !! Implicit zones: nodes cluster by cluster, and the factors of their matrix; theory.md (2.53).
         integer, contiguous, pointer :: cluster_start(:)         !! (n_clusters + 1); one node: none
         integer, contiguous, pointer :: implicit_node(:)         !! (n_implicit)
         integer, contiguous, pointer :: column_start(:)          !! blocks of L (n_implicit + 1)

@@ -190,7 +190,7 @@ def implicit_arrays(
     springs: np.ndarray,
     product_of: Callable,
 ) -> dict[str, np.ndarray]:
-    """Return the factored matrix of implicit zones and contacts as kernel arrays; theory.md (2.54).
+    """Return the factored matrix of implicit zones and contacts as kernel arrays; theory.md (2.53).
 
     Parameters
     ----------
@@ -213,9 +213,9 @@ def implicit_arrays(
     apart = np.einsum("ab,ij->aibj", [[1.0, -1.0], [-1.0, 1.0]], np.eye(3))
     parts = [_per_zone(share) * zone_stiffness(model, zones, product_of), _per_zone(spring) * apart]
     order = np.lexsort((_elimination(local, len(node)), cluster))
-    place, node = np.argsort(order), node[order]
+    turn, node = np.argsort(order), node[order]
     inertia, drag = _inertia(constants, node)
-    matrix = _assembled(parts, [place[numbers] for numbers in local], len(node))
+    matrix = _assembled(parts, [turn[numbers] for numbers in local], len(node))
     start, row, blocks, inverse = _factors(_held(matrix + _diagonal(inertia), constants, node))
     return {
         "cluster_start": np.append(0, np.cumsum(np.bincount(cluster))).astype(np.int32),

@@ -141,7 +141,7 @@ def critical_step(model: Model) -> CriticalStep:
     For a step T every node reserves the fraction ``phi = T^2 d / (2 m)`` of its mass for its
     contacts of stiffness d, so that no contact limits the step (Anderson & Morley 1985). The zones
     have the remaining mass (Irons & Treharne 1971): theory.md (2.13). The smallest zones become
-    implicit where that makes a run cheaper by a third at least: theory.md (2.54).
+    implicit where that makes a run cheaper by a third at least: theory.md (2.53).
     """
     zone, beta, nodes = model_frequencies(model), model.zone_damping("beta"), model.tetrahedral
     mass = model.zone_values("density") * tetrahedra.volumes(model.mesh.points, model.mesh.zones)
@@ -150,8 +150,8 @@ def critical_step(model: Model) -> CriticalStep:
     own = longest_steps(zone + spring, zone * beta + viscosity)
     choice = _Choice(nodes, own, longest_steps(*joints), moved_nodes(model))
     implicit = choice.cheapest(FINE * float(_typical(own).min()))
-    left = np.where(implicit.zones, np.inf, own)
-    dt, worst, rest = float(left.min()), int(left.argmin()), ~implicit.zones
+    explicit = np.where(implicit.zones, np.inf, own)
+    dt, worst, rest = float(explicit.min()), int(explicit.argmin()), ~implicit.zones
     undamped = float(longest_steps((zone + spring)[rest], viscosity[rest]).min())
     reserved = spring[worst] * dt**2 / 4.0 + viscosity[worst] * dt / 2.0
     limited_by = _limit(model, worst, reserved, np.count_nonzero(implicit.zones))
@@ -191,10 +191,10 @@ def assembled_step(
 def _typical(own):
     """Return the median (n_zones,) of the own steps of each `PLACE` of consecutive zones."""
     count = max(1, len(own) // PLACE)
-    place = np.minimum(np.arange(len(own)) // PLACE, count - 1)
-    order = np.lexsort((own, place))
-    first = np.searchsorted(place, np.arange(count + 1))
-    return own[order[(first[:-1] + first[1:]) // 2]][place]
+    part = np.minimum(np.arange(len(own)) // PLACE, count - 1)
+    order = np.lexsort((own, part))
+    first = np.searchsorted(part, np.arange(count + 1))
+    return own[order[(first[:-1] + first[1:]) // 2]][part]
 
 
 @dataclass(frozen=True, eq=False)
