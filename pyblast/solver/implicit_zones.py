@@ -82,7 +82,7 @@ def clusters_of(*groups: np.ndarray) -> tuple[np.ndarray, list[np.ndarray], np.n
     ends = np.cumsum([g.size for g in groups])[:-1]
     local = [part.reshape(g.shape) for part, g in zip(np.split(numbers, ends), groups, strict=True)]
     n = len(node)
-    first = np.concatenate([np.repeat(g[:, 0], g.shape[1] - 1) for g in local])
+    first = np.concatenate([np.broadcast_to(g[:, :1], g[:, 1:].shape).ravel() for g in local])
     other = np.concatenate([g[:, 1:].ravel() for g in local])
     links = coo_array((np.ones(len(first)), (first, other)), shape=(n, n))
     count, cluster = connected_components(links, directed=False)
