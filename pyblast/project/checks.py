@@ -80,9 +80,11 @@ def check(project, measure=True, progress=None) -> Check:
     tell = progress or (lambda *_: None)
     tell("input", 0, 1)
     notes = () if project.blast is None else tuple(project.blast.checks())
-    if project.recorded:
-        notes += (f"Records to compare with: {', '.join(project.recorded)}.",)
     tell("mesh", 0, 1)
+    if project.comparable:  # refuses records that can't be set beside the motion
+        passed = f", low-passed at {project.low_pass:.3g} Hz like the sources"
+        passed = passed if project.low_pass else ""
+        notes += (f"Records to compare with: {', '.join(project.comparable)}{passed}.",)
     rows = project.as_built
     tell("check", 0, 1)
     notes += ground_notes(project)

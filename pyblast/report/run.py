@@ -386,8 +386,13 @@ def _receiver_figures(result, top):
         both, colours = {"simulated": simulated}, [figures.SIMULATED]
         words = "simulated; no record is given"
         if name in recorded:
-            both = {"recorded": recorded[name], "simulated": simulated}
+            both = {
+                "recorded": recorded[name].filtered_like(simulated.low_passed),
+                "simulated": simulated,
+            }
             colours, words = [figures.RECORDED, figures.SIMULATED], "recorded against simulated"
+            if simulated.low_passed:
+                words += f", both low-passed at {simulated.low_passed:.3g} Hz like the sources"
         yield (
             f"Receiver {name}",
             f"{name}: {words}; particle velocity and smoothed amplitude spectrum."
