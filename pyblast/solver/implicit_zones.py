@@ -63,20 +63,10 @@ def moved_nodes(model: Model) -> np.ndarray:
 
 
 def clusters_of(*groups: np.ndarray) -> tuple[np.ndarray, list[np.ndarray], np.ndarray]:
-    """Return clusters of nodes, which zones and contacts connect.
+    """Return clusters of nodes, which groups (n, k) of nodes of zones and contacts connect.
 
-    Parameters
-    ----------
-    groups : (n, k) int32
-        Nodes of zones or contacts.
-
-    Returns
-    -------
-    node : (n_implicit,) int32
-    local : list of (n, k) int64
-        The groups as indices into ``node``.
-    cluster : (n_implicit,) int32
-        Of each node, the largest cluster first.
+    Namely the nodes (n_implicit,), the groups as indices into them, and the cluster of each node,
+    the largest first.
     """
     node, numbers = np.unique(np.concatenate([g.ravel() for g in groups]), return_inverse=True)
     ends = np.cumsum([g.size for g in groups])[:-1]
@@ -106,13 +96,8 @@ def zone_stiffness(model: Model, zones: np.ndarray, product_of: Callable) -> np.
     """Return the elastic stiffness (n, k, 3, k, 3) of zones in N/m, by node and component.
 
     Springs that relax act in full; ground that may yield counts as elastic, without patches.
-
-    Parameters
-    ----------
-    model : Model
-    zones : (n,) int64
-    product_of : callable
-        `assembly.zone_product`, which here multiplies unit motions of zones that share no node.
+    ``product_of`` is `assembly.zone_product`: it multiplies unit motions of zones that share no
+    node.
     """
     mesh = model.mesh
     apart = replace(
@@ -141,19 +126,13 @@ def explicit_product(
 ) -> Callable:
     """Return the product of the explicit zones of a model, as `assembly.zone_product` of all.
 
-    Parameters
-    ----------
-    model : Model
-    implicit : Implicit
-    mass : (n_nodes,) float64, kg
-    product_of : callable
-        `assembly.zone_product`.
+    ``mass`` (n_nodes,) in kg.
     """
     product, zones = product_of(model, mass), np.flatnonzero(implicit.zones)
     if not len(zones):
         return product
     stiffness = zone_stiffness(model, zones, product_of)
-    lag = _per_zone(model.zone_damping("beta")[zones])
+    lag = model.zone_damping("beta")[zones, None, None, None, None]
     local = [model.nodes.zone_nodes[zones]]
     at_once, damped = (
         _assembled([part], local, len(mass)) for part in (stiffness, lag * stiffness)
@@ -164,11 +143,6 @@ def explicit_product(
         return product(motion, rate) - own.reshape(-1, 3) / mass[:, None]
 
     return explicit
-
-
-def _per_zone(values):
-    """Return values (n,) for products with stiffness (n, k, 3, k, 3)."""
-    return values[:, None, None, None, None]
 
 
 def _assembled(stiffness, local, n_nodes):
@@ -210,13 +184,19 @@ def implicit_arrays(
     node, local, cluster = clusters_of(*implicit.nodes(model.tetrahedral))
     share = 0.25 * dt**2 + 0.5 * dt * model.zone_damping("beta")[zones]
     spring = (np.array([0.25 * dt**2, 0.5 * dt]) @ springs)[implicit.contacts]
-    apart = np.einsum("ab,ij->aibj", [[1.0, -1.0], [-1.0, 1.0]], np.eye(3))
-    parts = [_per_zone(share) * zone_stiffness(model, zones, product_of), _per_zone(spring) * apart]
+    parts = [
+        np.einsum("z,zaibj->zaibj", share, zone_stiffness(model, zones, product_of)),
+        np.einsum("c,ab,ij->caibj", spring, [[1.0, -1.0], [-1.0, 1.0]], np.eye(3)),
+    ]
     order = np.lexsort((_elimination(local, len(node)), cluster))
     turn, node = np.argsort(order), node[order]
-    inertia, drag = _inertia(constants, node)
+    where = np.full(len(constants["node_mass"]), -1)
+    where[node] = np.arange(len(node))
+    inertia, drag = _inertia(constants, node, where)
     matrix = _assembled(parts, [turn[numbers] for numbers in local], len(node))
-    start, row, blocks, inverse = _factors(_held(matrix + _diagonal(inertia), constants, node))
+    start, row, blocks, inverse = _factors(
+        _held(matrix + _diagonal(inertia), constants, node, where)
+    )
     return {
         "cluster_start": np.append(0, np.cumsum(np.bincount(cluster))).astype(np.int32),
         "implicit_node": node.astype(np.int32),
@@ -245,23 +225,19 @@ def _diagonal(blocks):
     return bsr_array((blocks, np.arange(n), np.arange(n + 1)), shape=(n * k, n * k)).tocsr()
 
 
-def _inertia(constants, node):
+def _inertia(constants, node, where):
     """Return D = m (1 + alpha dt/2) I + Z dt/2 in kg and R = m alpha I + Z of nodes (n, 3, 3)."""
     half, eye = 0.5 * constants["dt"], np.eye(3)
     mass, alpha = (constants[name][node] for name in ("node_mass", "node_alpha"))
     drag = (mass * alpha)[:, None, None] * eye
-    where = np.full(len(constants["node_mass"]), -1)
-    where[node] = np.arange(len(node))
     dashpot = where[constants["dashpot_node"]]
     inside = dashpot >= 0
     drag[dashpot[inside]] += constants["dashpot_impedance"][inside]
     return mass[:, None, None] * eye + half * drag, drag
 
 
-def _held(matrix, constants, node):
+def _held(matrix, constants, node, where):
     """Return the matrix without the coupling of directions that are at rest."""
-    where = np.full(len(constants["node_mass"]), -1)
-    where[node] = np.arange(len(node))
     at = where[constants["fixed_node"]]
     free = np.tile(np.eye(3), (len(node), 1, 1))
     for row in np.flatnonzero((at >= 0) & constants["fixed_direction"].any(axis=1)):

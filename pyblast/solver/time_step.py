@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 import scipy
@@ -147,15 +148,15 @@ def critical_step(model: Model) -> CriticalStep:
     mass = model.zone_values("density") * tetrahedra.volumes(model.mesh.points, model.mesh.zones)
     joints = 2.0 * contact_bounds(model) / nodes.sums(mass)
     spring, viscosity = (part[nodes.zone_nodes].max(axis=1) for part in joints)
-    own = longest_steps(zone + spring, zone * beta + viscosity)
-    choice = _Choice(nodes, own, longest_steps(*joints), moved_nodes(model))
+    own = longest_step(zone + spring, viscosity + zone * beta)
+    choice = _Choice(nodes, own, longest_step(*joints), moved_nodes(model))
     implicit = choice.cheapest(FINE * float(_typical(own).min()))
-    explicit = np.where(implicit.zones, np.inf, own)
-    dt, worst, rest = float(explicit.min()), int(explicit.argmin()), ~implicit.zones
-    undamped = float(longest_steps((zone + spring)[rest], viscosity[rest]).min())
+    rest = np.flatnonzero(~implicit.zones)
+    worst = rest[own[rest].argmin()]
+    dt, undamped = own[worst], longest_step((zone + spring)[rest], viscosity[rest]).min()
     reserved = spring[worst] * dt**2 / 4.0 + viscosity[worst] * dt / 2.0
     limited_by = _limit(model, worst, reserved, np.count_nonzero(implicit.zones))
-    return CriticalStep(dt, undamped, limited_by, implicit, float(own.min()))
+    return CriticalStep(float(dt), float(undamped), limited_by, implicit, float(own.min()))
 
 
 def assembled_step(
@@ -163,14 +164,7 @@ def assembled_step(
 ) -> CriticalStep:
     """Return the critical step of linear zones from the largest frequency of the whole model.
 
-    Parameters
-    ----------
-    model : Model
-    limit : CriticalStep
-        From single zones, with the implicit ones.
-    mass : (n_nodes,) float64, kg
-    product : callable
-        Multiplies a motion with the stiffness of all explicit zones over the mass.
+    ``mass`` (n_nodes,) in kg; the product is that of all explicit zones.
 
     Notes
     -----
@@ -213,12 +207,11 @@ class _Choice:
 
     def longest(self, most):
         """Return the longest step that leaves enough of the ground explicit."""
-        zones = self.never[self.nodes.zone_nodes].any(axis=1)
+        of_zones = self.own[self.never[self.nodes.zone_nodes].any(axis=1)]
         pairs = contact_pairs(self.nodes.contacts)
-        pairs = pairs[self.never[pairs].any(axis=1)]
-        limits = (self.own[zones], self.at_nodes[pairs].ravel())
-        bound = min(float(part.min(initial=np.inf)) for part in limits)
-        return min(most, bound, float(np.quantile(self.own, MOST_IMPLICIT)))
+        of_contacts = self.at_nodes[pairs[self.never[pairs].any(axis=1)]]
+        limits = [of_zones.min(initial=most), of_contacts.min(initial=most)]
+        return float(min(*limits, np.quantile(self.own, MOST_IMPLICIT)))
 
     def cheapest(self, most):
         """Return what is implicit in the cheapest run, nothing if little is won."""
@@ -307,14 +300,8 @@ def joint_product(contacts: Contacts, stiffness: np.ndarray, motion: np.ndarray)
     return force
 
 
-def longest_steps(squared: np.ndarray, drag: np.ndarray) -> np.ndarray:
-    """Return `longest_step` of every entry, (n,) s."""
-    squared = np.maximum(squared, np.finfo(float).tiny)
-    return (np.sqrt(drag**2 / 4.0 + squared) - drag / 2.0) * 2.0 / squared
-
-
-def longest_step(squared: float, drag: float, beta: float = 0.0) -> float:
-    """Return the longest stable step in s.
+def longest_step(squared: Any, drag: Any, beta: Any = 0.0) -> Any:
+    """Return the longest stable step in s, of numbers or arrays.
 
     Parameters
     ----------
@@ -329,8 +316,8 @@ def longest_step(squared: float, drag: float, beta: float = 0.0) -> float:
     -----
     The root of ``squared T^2/4 + (drag + squared beta) T/2 = 1``; theory.md (2.48).
     """
-    drag = drag + squared * beta
-    return float((np.sqrt(drag**2 / 4.0 + squared) - drag / 2.0) * 2.0 / squared)
+    drag, squared = drag + squared * beta, np.maximum(squared, np.finfo(float).tiny)
+    return (np.sqrt(drag**2 / 4.0 + squared) - drag / 2.0) * 2.0 / squared
 
 
 def damped_step(product: Product, mass: np.ndarray, shortest: float) -> float:
