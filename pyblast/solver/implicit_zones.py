@@ -166,16 +166,8 @@ def implicit_arrays(
 ) -> dict[str, np.ndarray]:
     """Return the factored matrix of implicit zones and contacts as kernel arrays; theory.md (2.53).
 
-    Parameters
-    ----------
-    model : Model
-    constants : dict
-        Kernel arrays with masses, mass damping, dashpots and prescribed directions.
-    implicit : Implicit
-    springs : (2, n_contacts) float64, N/m and N s/m
-        Largest stiffness and viscosity of the contacts.
-    product_of : callable
-        `assembly.zone_product`.
+    ``constants`` hold masses, mass damping, dashpots and prescribed directions; ``springs``
+    (2, n_contacts) are the largest stiffness in N/m and viscosity in N s/m of the contacts.
     """
     zones = np.flatnonzero(implicit.zones)
     if not len(zones):
