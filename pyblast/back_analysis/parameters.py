@@ -310,8 +310,9 @@ def _sought(project, parameter):
     given = value_at(project.config, parameter.name)
     start = float(given) if given is not None and low <= given <= high else middle
     kind = KINDS.get(split_key(parameter.name.rpartition(".")[-1])[0], OTHER)
-    plain = Property(parameter.name, kind, 1.0, STEPS[kind], _set(parameter.name), 0.0,
-                    parameter, start)  # fmt: skip
+    plain = Property(
+        parameter.name, kind, 1.0, STEPS[kind], _set(parameter.name), 0.0, parameter, start
+    )
     ends = plain.coordinate(low), plain.coordinate(high)
     width = (ends[1] - ends[0]) / math.sqrt(12.0)
     mean = float(0.5 * (ends[0] + ends[1]))
@@ -333,8 +334,11 @@ def held_properties(project: Project, parameters: Sequence[Parameter]) -> tuple[
     paths, priors = [parameter.name for parameter in parameters], project.config.priors
     mesh, held = project.config.mesh, []
     for name in dict.fromkeys(layer.material for layer in mesh.layers):
-        keys = {split_key(path.rpartition(".")[-1])[0] for path in paths
-                if path.startswith(f"materials.{name}.")}  # fmt: skip
+        keys = {
+            split_key(path.rpartition(".")[-1])[0]
+            for path in paths
+            if path.startswith(f"materials.{name}.")
+        }
         if keys & (OF_SPEEDS - {"cp", "cs"}):  # then speeds follow from what is looked for
             continue
         held += [
@@ -363,8 +367,13 @@ def _held_geometry(mesh, priors):
     """Yield layers and planes of a mesh as properties."""
     for number, layer in enumerate(mesh.layers):
         if layer.thickness_m is not None:
-            yield Property(f"{layer.material}.thickness", GEOMETRY, priors.thickness_m,
-                           min(0.5, 0.1 * layer.thickness_m), _thicker(number))  # fmt: skip
+            yield Property(
+                f"{layer.material}.thickness",
+                GEOMETRY,
+                priors.thickness_m,
+                min(0.5, 0.1 * layer.thickness_m),
+                _thicker(number),
+            )
     if mesh.faults:
         turn = 2.0 if max(fault.dip_deg for fault in mesh.faults) <= 88.0 else -2.0
         yield Property("dip", GEOMETRY, priors.dip_deg, turn, _turned("dip_deg"))
