@@ -130,18 +130,21 @@ def _copy_site(site, seed, target):
     for file in [*source.glob("*.csv"), *source.glob(f"{BLAST}.toml")]:
         (target / file.name).write_bytes(file.read_bytes())
     files = sorted(source.glob(f"records/{BLAST}_*.mseed"))
+    if seed == 1:
+        for file in files:
+            (target / "records" / file.name).write_bytes(file.read_bytes())
+        return
     clean = obspy.read(SITES / "truth" / f"case-{site}" / f"clean_{BLAST}.mseed", format="MSEED")
-    recorded = {file.name: obspy.read(file, format="MSEED") for file in files}
-    names = list(recorded)
-    for number, (name, stream) in enumerate(recorded.items()):
-        if seed != 1:
-            other = recorded[names[(number + 1) % len(names)]]
-            for trace in stream:
-                noise_free = _like(clean, trace)
-                beside = next(t for t in other if t.stats.channel[-1] == trace.stats.channel[-1])
-                noise = (beside.data - _like(clean, beside))[::-1]
-                trace.data = np.asarray(noise_free + noise[: len(noise_free)], dtype=np.float64)
-        stream.write(target / "records" / name, format="MSEED", encoding="FLOAT64")
+    recorded = [obspy.read(file, format="MSEED") for file in files]
+    noise = [
+        {trace.stats.channel[-1]: (trace.data - _like(clean, trace))[::-1] for trace in stream}
+        for stream in recorded
+    ]
+    for file, stream, other in zip(files, recorded, noise[1:] + noise[:1], strict=True):
+        for trace in stream:
+            noise_free = _like(clean, trace)
+            trace.data = noise_free + other[trace.stats.channel[-1]][: len(noise_free)]
+        stream.write(target / "records" / file.name, format="MSEED", encoding="FLOAT64")
 
 
 def _like(clean, trace):
