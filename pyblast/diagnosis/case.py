@@ -11,7 +11,7 @@ from ..project.elements import for_band, longest_path, survey_positions
 from ..project.flat_box import band_of, check_flat, not_flat
 from ..project.ground import damages_material
 from ..project.places import resolved_receivers
-from ..project.project import Project
+from ..project.project import ENTERS, Project
 from ..signals.seismogram import GEOGRAPHIC, PASS_BAND
 from .thresholds import SHORTEST_RECORD
 
@@ -76,7 +76,7 @@ def case_of(project: Project, blasts=None) -> Case:
     receivers = tuple(r.name for r in project.receivers if r.name in recorded)
     if not receivers:
         raise InputError("case: none of the receivers has a record")
-    far = [set(resolved_receivers(project.of(name), receivers)) for name in names]
+    far = [set(resolved_receivers(project.of(name), receivers, injected=False)) for name in names]
     near = tuple(name for name in receivers if not all(name in each for each in far))
     receivers = tuple(name for name in receivers if name not in near)
     if not receivers:
@@ -126,7 +126,8 @@ def _gathered(project, highest):
     receivers, records, parts = {}, {}, {}
     for each in (project, *project.further):
         records[each.name] = {}
-        parts[each.name] = {"blast": each.blast, "inside": each.inside}
+        entering = {name: getattr(each, name) for name in ENTERS}
+        parts[each.name] = {"blast": each.blast, **entering}
         for receiver in each.receivers:
             position = tuple(map(float, receiver.position))
             if receivers.setdefault(receiver.name, (position, receiver.azimuth))[0] != position:
@@ -135,7 +136,7 @@ def _gathered(project, highest):
                     "blasts"
                 )
             if receiver.name in each.records:
-                record, azimuth = _geographic(each.records[receiver.name], receiver.azimuth)
+                record, azimuth = _geographic(each.comparable[receiver.name], receiver.azimuth)
                 records[each.name][receiver.name] = record
                 receivers[receiver.name] = position, azimuth
         if not records[each.name]:

@@ -4,8 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from small_site import BEFORE, DT, SAMPLES, small_site
+from small_site import BEFORE, DT, SAMPLES, TABLES, small_site
 
+from pyblast.config.config import check_config
 from pyblast.diagnosis.case import case_of
 from pyblast.recordings.recording import Recording
 from pyblast.signals.seismogram import Seismogram
@@ -77,3 +78,28 @@ def test_a_channel_that_stands_still_in_one_blast_has_no_part_in_that_blast():
     more = case.noise.variance / plain.noise.variance
     assert 1.0 < more[1, 2] < 2.0  # one window tells of it now: nu / (nu - 2) of half as many
     assert np.delete(more, 5) == pytest.approx(1.0)
+
+
+def test_what_enters_is_read_once_whatever_becomes_of_the_ground(monkeypatch):
+    enters = {
+        "signature": {"cavity": {
+            "material": "rock", "hole_m": [-40, 45, -10], "receiver_m": [0, 45, -10],
+            "charge_kg": 60, "radius_m": 2, "peak_time_ms": 60,
+        }},
+        "input": {"face": "west"},
+    }  # fmt: skip
+    site, tables = site_with(0.0), check_config({**TABLES, **enters, "holes_inside": None})
+    config = {name: getattr(tables, name) for name in ("signature", "input", "holes_inside")}
+    site = replace(
+        site, config=site.config.model_copy(update=config),
+        given={k: v for k, v in site.given.items() if k != "inside"},
+        further=(),
+    )  # fmt: skip
+    project = case_of(site, ["S1"]).project
+    monkeypatch.setattr("pyblast.project.project.make_signature", None)
+
+    finer = project.config.mesh.model_copy(update={"edge_m": 20.0})
+    other = project.changed(mesh=finer).of("S1")
+
+    assert other.input.motion is project.input.motion
+    assert other.lead == project.lead
