@@ -24,7 +24,7 @@ from pyblast.config.config import check_config
 from pyblast.errors import PyblastError
 from pyblast.mesh.mesh import locate
 from pyblast.project.project import make_project
-from pyblast.solver.moment_density import near_receivers
+from pyblast.solver.injection import near_receivers
 from pyblast.solver.run import simulate
 
 from .rows import each_row, options, read_rows
@@ -389,7 +389,8 @@ def pair_row(seed: int, number: int) -> dict:
         ("tetrahedra", _tetrahedra(tables, 1.0)),
         ("tetrahedra", _tetrahedra(tables, FINER)),
     ]
-    began, motions, far, elements = time.process_time(), [], True, []
+    began, motions, elements = time.process_time(), [], []
+    far = np.ones(len(tables["receivers"]), dtype=bool)
     for kind, mesh in meshes:
         with tempfile.TemporaryDirectory() as folder:
             try:
