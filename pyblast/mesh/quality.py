@@ -269,9 +269,9 @@ def _can_leave(joints, surface):
     joints = np.unique(_directions(joints), axis=0)
     out, size = surface.sum(axis=0), np.linalg.norm(surface, axis=1).sum()
     whole = np.linalg.norm(out) > LEAST_OUTWARD * size
-    for way in _directions(out[None]) if whole else np.unique(_directions(surface), axis=0):
+    for direction in _directions(out[None]) if whole else np.unique(_directions(surface), axis=0):
         solution = scipy.optimize.linprog(
-            -way, A_ub=joints, b_ub=np.full(len(joints), 1e-9), bounds=[(-1.0, 1.0)] * 3
+            -direction, A_ub=joints, b_ub=np.full(len(joints), 1e-9), bounds=[(-1.0, 1.0)] * 3
         )
         if solution.status == 0 and -solution.fun > 1e-3:
             return True
