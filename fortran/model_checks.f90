@@ -31,6 +31,9 @@ contains
         call check_layer(model%layer, state%layer, size(state%zones%slab_memory), model%hexes, &
                          size(model%nodes%node_mass), size(model%contacts%contact_area), message)
         call check_node_sizes(model, run%n_steps, message)
+        if (associated(run%receiver_motion)) &
+            call require_size("'run/receiver_motion'", shape(run%receiver_motion), &
+                              [3, size(model%receivers%receiver_node, 2), run%n_steps], message)
         call check_state_sizes(model, state, message)
         call check_mesh_indices(model, message)
         call check_node_indices(model, message)

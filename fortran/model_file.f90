@@ -17,6 +17,8 @@ module pyblast_model_file
         integer :: ledger_every                                  !! steps between lines of energies
         real(dp), contiguous, pointer :: motion(:, :, :, :)
             !! (1, 3, n_receivers, n_steps) [m/s]
+        real(dp), contiguous, pointer :: receiver_motion(:, :, :) => null()
+            !! of injected sources, added to what is recorded (3, n_receivers, n_steps) [m/s]
         real(dp), contiguous, pointer :: energy(:, :, :)         !! (n_energies, 1, n_lines) [J]
     end type run_arrays
 
@@ -51,6 +53,10 @@ contains
         call read_boundaries(file, model%boundaries, message)
         call read_receivers(file, model%receivers, message)
         call read_state(file, state, message)
+        if (.not. allocated(message)) then
+            if (has_array(file, "run/receiver_motion")) &
+                call read_array(file, "run/receiver_motion", run%receiver_motion, message)
+        end if
         call close_file(file, "arrays of the model are still open", message)
     end subroutine read_model
 

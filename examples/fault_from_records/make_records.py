@@ -37,9 +37,9 @@ def truth():
 def main():
     """Run the truth and write what each instrument recorded."""
     project, rng = truth(), np.random.default_rng(SEED)
-    for name, motion in simulate(project.model, project.duration).seismograms.items():
+    for name, motion in simulate(project).seismograms.items():
         count = round((QUIET + motion.duration - 0.02) / DT)
-        record = motion.shifted(-project.lead).sampled(-QUIET, DT, count)
+        record = motion.sampled(-QUIET, DT, count)
         heard = record.velocity + NOISE * rng.normal(size=record.velocity.shape)
         write_csv(HERE / f"{name}.csv", replace(record, velocity=heard, label=name))
         print(f"{name}: PPV in mm/s {1e3 * record.ppv}")

@@ -11,6 +11,7 @@ docs/quality/back_analysis.md.
 import json
 import sys
 import tomllib
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -100,7 +101,7 @@ def record(folder, edge, scale, real):
     made = made.sampled(-QUIET, 1.0 / 256.0, int(256 * (QUIET + made.times[-1])))
     added, origin = noise(len(made.velocity), made.dt, np.random.default_rng(SEED))
     velocity = made.velocity + NOISE * made.ppv * added
-    write_csv(folder / "wall.csv", type(made)(velocity, made.dt, -QUIET, "wall", made.components))
+    write_csv(folder / "wall.csv", replace(made, velocity=velocity, label="wall"))
     return origin
 
 

@@ -44,6 +44,7 @@ def all_blasts(project: Project) -> tuple[Project, ...]:
     """
     table, where = table_of(project)
     blasts = (project, *(load_project(project.folder / name) for name in table.blasts))
+    blasts = tuple(blast.with_low_pass for blast in blasts)
     names = [blast.path.name for blast in blasts]
     for name in names:
         if names.count(name) > 1:
@@ -77,7 +78,8 @@ def survey_records(blast: Project, project: Project) -> dict[str, Seismogram | N
             )
     if not names:
         raise InputError(f"{blast.path.name}: receivers: missing; a survey needs at least one")
-    return {name: blast.recorded.get(name) for name in names}
+    compared = blast.comparable
+    return {name: compared[name].seismogram if name in compared else None for name in names}
 
 
 def blasts_of(project: Project) -> tuple[Project, ...]:
@@ -112,9 +114,13 @@ def chosen_records(blast: Project, project: Project) -> dict[str, Seismogram]:
 
 
 def used_records(blast: Project, names: Sequence[str]) -> dict[str, Seismogram]:
-    """Return the records of a blast at named receivers, or all, that stand near no source (D38)."""
+    """Return the records of a blast at named receivers, or all, that stand near no source (D38).
+
+    They are low-passed like what enters.
+    """
     asked = tuple(name for name in blast.recorded if not names or name in names)
-    return {name: blast.recorded[name] for name in resolved_receivers(blast, asked)}
+    near = resolved_receivers(blast, asked)
+    return {name: blast.comparable[name].seismogram for name in near}
 
 
 def is_cheap(parameter: Parameter) -> bool:
@@ -214,7 +220,5 @@ def simulate(project: Project, parameters, points, step=None) -> list[dict[str, 
         runs = run_many([variant.model for variant in varied], project.duration, step=step)
     else:
         runs = [run_many([variant.model], variant.duration)[0] for variant in varied]
-    return [
-        {name: s.shifted(-variant.lead) for name, s in run.seismograms.items()}
-        for variant, run in zip(varied, runs, strict=True)
-    ]
+    pairs = zip(varied, runs, strict=True)
+    return [variant.simulated(run.seismograms) for variant, run in pairs]

@@ -325,7 +325,7 @@ def confirm(target: Target, method, seed, trace: Trace, progress=None) -> BackAn
         run, strength = run_with_slip(
             varied.model, varied.duration, input_band(varied), weak, progress
         )
-        simulated = {name: s.shifted(-varied.lead) for name, s in run.seismograms.items()}
+        simulated = varied.simulated(run.seismograms)
         recorded = target.recorded(project)
         comparisons = {
             name: compare(record, simulated[name], band_of(project))

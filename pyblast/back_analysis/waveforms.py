@@ -142,7 +142,10 @@ def make_waveforms(projects, records, rms=None) -> Waveforms:
             where = f"{project.path.name}: receivers.{name}.recorded"
             check_sampling(where, record, window.band)
     recordings = [
-        {name: replace(project.records[name], seismogram=record) for name, record in blast.items()}
+        {
+            name: replace(project.comparable[name], seismogram=record)
+            for name, record in blast.items()
+        }
         for project, blast in zip(projects, records, strict=True)
     ]
     motion, valid = gather(recordings, names, 0.0, window.dt, window.n_samples)

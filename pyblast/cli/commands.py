@@ -207,11 +207,16 @@ def compare(
         str | None,
         typer.Option(help="Of miniSEED, SAC or GSE2: mm_per_s, m_per_s2 of accelerometers, ..."),
     ] = None,
+    low_passed: Annotated[
+        float | None,
+        typer.Option(help="Low-pass in Hz of the sources of a prediction in miniSEED."),
+    ] = None,
 ):
     """Compare a record with a simulation.
 
     Shows deviations of peaks, dominant frequencies, durations and waveforms of the components,
-    and recorded air overpressure.
+    and recorded air overpressure. Where the sources of the simulation were low-passed, the record
+    goes through the same filter first.
     """
     with exit_codes():
         if (low is None) != (high is None):
@@ -219,7 +224,7 @@ def compare(
         from ..workflows.run import compare_files
 
         band = None if low is None or high is None else (low, high)
-        files = recorded, simulated, receiver, band, bearing, sheet, unit
+        files = recorded, simulated, receiver, band, bearing, sheet, unit, low_passed
         console.show_compared(*compare_files(*files))
 
 

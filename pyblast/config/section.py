@@ -145,6 +145,7 @@ class RecordingConfig(Section):
     full_scale_mm_per_s: Positive | None = None
     unit: str | None = None
     start_s: float | None = None
+    low_passed_hz: Positive | None = None
     serial_number: str | None = None
     calibration_date: str | None = None
     location: str | None = None

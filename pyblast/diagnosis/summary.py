@@ -78,6 +78,7 @@ def summarise(
             ],
             "receivers_near_a_source": list(case.near),
             "clipped": _clipped(case),
+            "low_pass_hz": {name: case.project.of(name).low_pass for name in case.blasts},
             "excluded_share": round(float(np.mean(~case.valid)), 4),
         },
         "next_measurement": _next_measurement(search, decision, remainder),

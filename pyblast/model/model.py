@@ -130,6 +130,9 @@ class Model:
     quadratic : bool
         Tetrahedra of 15 nodes instead of 4, which need 2 to 3 edges per wavelength instead of 10.
         Linear isotropic ground only, joints of any law; theory.md (2.33) to (2.38).
+    injected : bool
+        Whether explosions enter as the field of a half-space at the boundary of a patch of
+        elements around them; theory.md (5.23). Only in hexahedra, see `solver.injection.patch_of`.
     single : bool
         Single precision: a third faster, accurate to about 1e-4 of the peak motion.
     local_damping : float
@@ -166,6 +169,7 @@ class Model:
     local_damping: float = 0.0
     quadratic: bool = False
     single: bool = False
+    injected: bool = False
     _ordered: bool = field(default=False, repr=False)
 
     def __post_init__(self) -> None:

@@ -501,7 +501,7 @@ def _mean_normal(mesh, surface):
     return area @ normal / np.linalg.norm(area @ normal)
 
 
-def near_source(rows, names):
+def near_source(rows, names, obstacle=""):
     """D38: receivers so near to a source that the mesh makes an error; None where there is none.
 
     Parameters
@@ -509,6 +509,8 @@ def near_source(rows, names):
     rows : sequence of NearReceiver
     names : sequence of str
         Of all sources of the model.
+    obstacle : str
+        Why sources are not injected.
     """
     if not rows:
         return None
@@ -529,6 +531,7 @@ def near_source(rows, names):
     return Finding(
         "D38",
         "Receivers stand near a source",
-        f"{'; '.join(texts)}{rest}. Inside of the sphere of a source motion is too small.{count}",
+        f"{'; '.join(texts)}{rest}. Inside of the sphere of a source motion is too small.{count}"
+        + (f" Not injected: {obstacle}." if obstacle else ""),
         numbers={"error": max(row.error for row in rows), "untrusted": float(untrusted)},
     )

@@ -124,9 +124,9 @@ def read_record(config, folder, log=None) -> Recording:
     record = records[config.record - 1]
     if "record" not in config.model_fields_set:
         record = first_recording(config.file, records)
-    if config.start_s is None:
-        return record
-    return replace(record, seismogram=replace(record.seismogram, start=config.start_s))
+    stated = {"start": config.start_s, "low_passed": config.low_passed_hz}
+    stated = {name: value for name, value in stated.items() if value is not None}
+    return replace(record, seismogram=replace(record.seismogram, **stated))
 
 
 def read_hole(config, folder, log=None) -> Seismogram:

@@ -1,7 +1,7 @@
 """A project: everything that its file names, as objects in SI units, and variants of it."""
 
 import hashlib
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -23,6 +23,7 @@ from ..readers.provenance import ReadLog
 from ..recordings.recording import Recording
 from ..signals.seismogram import Seismogram
 from ..solver.initial_stress import joint_pressures
+from ..solver.injection import with_injection
 from .elastic_ground import ElasticGround, elastic_ground, with_elastic_ground
 from .elements import Ground, longest_path, make_ground, needs_of, survey_positions
 from .ground import (
@@ -285,6 +286,53 @@ class Project:
         """Recorded seismograms by receiver."""
         return {name: record.seismogram for name, record in self.records.items()}
 
+    @property
+    def low_pass(self) -> float | None:
+        """Corner in Hz of the causal low-pass of all that enters, None without, 0 where some is."""
+        corners = {self.inside.low_pass} if self.inside.moment_rate is not None else set()
+        if self.input is not None:
+            corners.add(self.config.input.low_pass_hz)
+        if set(self.inside.named) - {"moment_rate"}:
+            corners.add(None)
+        return corners.pop() if len(corners) == 1 else 0.0
+
+    @_part
+    def comparable(self) -> dict[str, Recording]:
+        """Return records to set beside simulated motion, by receiver: low-passed like what enters."""
+        compared = {}
+        for name, record in self.records.items():
+            with named_error(f"{self.path.name}: receivers.{name}.recorded"):
+                compared[name] = record.filtered_like(self.low_pass)
+        return compared
+
+    def simulated(self, motion: Mapping[str, Seismogram]) -> dict[str, Seismogram]:
+        """Return seismograms of a run of the model from the first firing, with their low-pass."""
+        corner = self.low_pass
+        return {
+            name: replace(each, start=each.start - self.lead, low_passed=corner)
+            for name, each in motion.items()
+        }
+
+    @property
+    def with_low_pass(self) -> "Project":
+        """The project with the low-pass that the mesh asks for as a number of its file.
+
+        Variants of it, with other ground or another mesh, then stay beside the same records.
+        """
+        table = self.config.holes_inside
+        if table is None or table.charged_hole is None or table.low_pass_hz not in (None, "mesh"):
+            return self
+        corner = self.inside.low_pass
+        corner = "none" if corner is None else float(corner)
+        table = table.model_copy(update={"low_pass_hz": corner})
+        config = self.config.model_copy(update={"holes_inside": table})
+        return replace(self, config=config, given=self._known)
+
+    @property
+    def _known(self) -> dict[str, Any]:
+        """Parts that were given or are computed."""
+        return {**self.given, **{k: v for k, v in vars(self).items() if k in PARTS}}
+
     @_part
     def model(self) -> Model:
         """Model with all that enters; its time 0 is `lead` before the first firing."""
@@ -324,6 +372,7 @@ class Project:
                 sponge=layer,
             )
             model = with_elastic_ground(model, elastic_ground(model, self.core))
+            model = with_injection(model, self.duration)
             if not config.boundaries.jointed_faces:
                 return model
             pressures = joint_pressures(model)  # joints that close are stiffer under them
@@ -535,7 +584,7 @@ def vary(project: Project, changes: dict[str, float]) -> Project:
     Raises InputError if a path names no number, or a value breaks a rule of the project file.
     """
     config = check_config(changed_tables(project.config, changes), project.path.name)
-    known = {**project.given, **{k: v for k, v in vars(project).items() if k in PARTS}}
+    known = project._known
     tables = {
         table
         for table in Config.model_fields

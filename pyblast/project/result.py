@@ -13,11 +13,12 @@ from ..blasts.compliance import METHOD, assess_all, conclusion
 from ..errors import Finding, ReadError
 from ..model.material import ConstantQ
 from ..model.source import Column, Hole, MomentTensor, PointForce
-from ..recordings.tables import instrument_table
+from ..recordings.tables import LOW_PASSED, instrument_table
 from ..signals.seismogram import Named, Seismogram, html_table
 from ..signals.spectra import dominant_frequency, significant_duration, zero_crossing_frequency
+from ..solver.injection import injected_sources, near_receivers
 from ..solver.model_file import read_arrays, write_arrays
-from ..solver.moment_density import near_receivers, source_radii
+from ..solver.moment_density import source_radii
 from ..solver.preparation import versions
 from ..units import plain_number
 from . import level
@@ -50,7 +51,12 @@ class Result:
         """Return a seismogram of ``input``, ``simulated`` or ``recorded``."""
         head = Named(Named(self.summary["seismograms"])[group])[name]
         return Seismogram(
-            self.arrays[group][name], head["dt"], head["start"], name, tuple(head["components"])
+            self.arrays[group][name],
+            head["dt"],
+            head["start"],
+            name,
+            tuple(head["components"]),
+            head.get("low_passed"),
         )
 
     def seismograms(self, group) -> dict[str, Seismogram]:
@@ -100,7 +106,12 @@ def seismogram_heads(groups):
     """Return sampling and components of seismograms by group and name, for the summary."""
     return {
         group: {
-            name: {"dt": s.dt, "start": s.start, "components": list(s.components)}
+            name: {
+                "dt": s.dt,
+                "start": s.start,
+                "components": list(s.components),
+                "low_passed": s.low_passed,
+            }
             for name, s in members.items()
         }
         for group, members in groups.items()
@@ -185,11 +196,16 @@ def write_summary(path, summary):
 
 
 def write_csv(path, seismogram):
-    """Write a seismogram as a table in m/s that `read_recording` reads again."""
+    """Write a seismogram as a table in m/s that `read_recording` reads again.
+
+    A comment at the end names the low-pass of its sources.
+    """
+    corner = seismogram.low_passed
+    comment = [] if corner is None else [f"{LOW_PASSED}{corner:.9g}"]
     heads = ["time_s", *(f"{name}_m_per_s" for name in seismogram.components)]
     rows = np.column_stack([seismogram.times, seismogram.velocity])
     lines = [",".join(f"{value:.9g}" for value in row) for row in rows]
-    write_text(path, "\n".join([",".join(heads), *lines]) + "\n")
+    write_text(path, "\n".join([",".join(heads), *lines, *comment]) + "\n")
 
 
 def plain(value) -> Any:
@@ -229,7 +245,7 @@ def summarise(project, checked, run, simulated, comparisons):
         "joints": joint_tables(project),
         "input": None if project.input is None else input_table(project),
         "sources": source_summary(project),
-        "band": band.table() | {"input_hz": input_band(project)},
+        "band": band.table() | {"input_hz": input_band(project), "low_pass_hz": project.low_pass},
         "limit_curves": list(project.config.run.limit_curves),
         "blast": None if blast is None else blast_table(project.blast),
         "undamped": undamped_plane(project),
@@ -368,6 +384,7 @@ def source_summary(project):
         "level": config and level.level_rank(project),
         "exponent": holes[0].exponent if holes else None,
         "radius": source_radii(project.model),
+        "injected": len(injected_sources(project.model)),
         "core_m": None if ground is None else float(ground.radius.max()),
         "detonation": config and config.detonation_m_per_s,
         "forces": [

@@ -48,6 +48,8 @@ class RawRecord:
         Air overpressure.
     notes : tuple of str
         Remarks of the reader.
+    low_passed : float or None, Hz
+        Of a run, as in a `Seismogram`.
     """
 
     channels: dict[str, np.ndarray]
@@ -63,6 +65,7 @@ class RawRecord:
     unit: str = "m_per_s"
     microphone: np.ndarray | None = None
     notes: tuple[str, ...] = ()
+    low_passed: float | None = None
 
 
 def velocity_factor(symbol: str, where: str) -> float:

@@ -87,6 +87,21 @@ class Recording:
         """The same in dB(L), linear decibels above 20 µPa."""
         return np.nan if self.overpressure is None else decibels(self.peak_overpressure)
 
+    def filtered_like(self, corner: float | None) -> "Recording":
+        """Return the recording beside motion whose sources were low-passed at a corner in Hz.
+
+        See `Seismogram.filtered_like`. What follows a clipped sample within a period of the corner
+        counts as clipped.
+        """
+        passed = self.seismogram.filtered_like(corner)
+        if passed is self.seismogram or not self.clipped.any():
+            return replace(self, seismogram=passed)
+        assert corner is not None  # else it stays
+        reach = int(np.ceil(1.0 / (corner * passed.dt)))
+        since = np.arange(len(self.clipped))[:, None]
+        last = np.maximum.accumulate(np.where(self.clipped, since, -reach - 1), axis=0)
+        return replace(self, seismogram=passed, clipped=since - last <= reach)
+
     def __post_init__(self) -> None:
         """Check the shape of the clipping marks."""
         shape = self.seismogram.velocity.shape
@@ -300,7 +315,7 @@ def _recording(path, raw, bearing, full_scale):
     marks = {name: clipped_samples(x, full_scale) for name, x in raw.channels.items()}
     clipped = np.nan_to_num(_columns(marks, axes, n_samples)).astype(bool)
     dead = tuple(name for name, samples in raw.channels.items() if is_dead(samples))
-    seismogram = Seismogram(velocity, raw.dt, raw.start, raw.label, axes)
+    seismogram = Seismogram(velocity, raw.dt, raw.start, raw.label, axes, raw.low_passed)
     checks = check_printed(raw.printed, seismogram)
     offset = np.array([0.0 if raw.unit == "counts" else constant_offset(x) for x in velocity.T])
     if np.any(offset):

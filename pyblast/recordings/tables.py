@@ -60,6 +60,9 @@ _DATES = (
 )  # fmt: skip
 
 
+LOW_PASSED = "# sources low-passed, Bessel of order 4 forward only, -3 dB at Hz: "
+
+
 class TextFormat(NamedTuple):
     """Text format: a test of the first lines, and its reader."""
 
@@ -396,8 +399,15 @@ def read_motion(
         own.get("instrument", "mapped CSV" if mapping else "CSV"), own.get("serial", ""),
         own.get("full_scale"), time=table.instant, microphone=pressure,
         header={"mapping": str(mapping)} if mapping else {},
-        notes=(*notes, *_axes_notes(table, channels)),
+        notes=(*notes, *_axes_notes(table, channels)), low_passed=_low_passed(cells.lines),
     )  # fmt: skip
+
+
+def _low_passed(lines):
+    """Return the corner in Hz that a curve of a run names at its end, None without one."""
+    last = next((line.strip() for line in reversed(lines) if line.strip()), "")
+    named = re.fullmatch(rf"{LOW_PASSED}([0-9.e+-]+)", last)
+    return None if named is None else float(named[1])
 
 
 def _check_motion(path, table: Table, head, own):

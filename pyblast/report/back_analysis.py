@@ -322,6 +322,11 @@ def _search_figures(summary):
     )
 
 
+def _filtered(corner):
+    """Return the low-pass of sources and records in words, empty without one."""
+    return f", both low-passed at {corner:.3g} Hz like the sources" if corner else ""
+
+
 def _motion_figures(confirmed):
     """Yield recorded and simulated motion at the best point (figures 7 to 9 of the paper)."""
     for blast, run in confirmed.items():
@@ -329,8 +334,9 @@ def _motion_figures(confirmed):
             both = {"recorded": record, "simulated": run.simulated[name]}
             yield (
                 f"Receiver {name}",
-                f"{blast}, {name}: recorded against simulated at the best point; particle velocity "
-                "and smoothed amplitude spectrum.",
+                f"{blast}, {name}: recorded against simulated at the best point"
+                f"{_filtered(record.low_passed)}; particle velocity and smoothed amplitude "
+                "spectrum.",
                 figures.waveform_figure(
                     both, [figures.RECORDED, figures.SIMULATED], SPECTRUM_TOP,
                     float(run.simulated[name].times[-1]),

@@ -294,6 +294,8 @@ def _source_figures(result, top):
         extent = (
             f"columns that detonate at {table['detonation']:g} m/s"
             if table["detonation"]
+            else "each as the field of a half-space around it (injection)"
+            if table["injected"]
             else f"each over a sphere of radius {radius_words(table['radius'])}"
         )
         words.append(
@@ -386,8 +388,13 @@ def _receiver_figures(result, top):
         both, colours = {"simulated": simulated}, [figures.SIMULATED]
         words = "simulated; no record is given"
         if name in recorded:
-            both = {"recorded": recorded[name], "simulated": simulated}
+            both = {
+                "recorded": recorded[name].filtered_like(simulated.low_passed),
+                "simulated": simulated,
+            }
             colours, words = [figures.RECORDED, figures.SIMULATED], "recorded against simulated"
+            if simulated.low_passed:
+                words += f", both low-passed at {simulated.low_passed:.3g} Hz like the sources"
         yield (
             f"Receiver {name}",
             f"{name}: {words}; particle velocity and smoothed amplitude spectrum."

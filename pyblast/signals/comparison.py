@@ -119,7 +119,8 @@ def compare(
     ----------
     recorded, simulated : Seismogram
         The simulation is interpolated (band-limited) at the times of the record. It is zero before
-        its start; the comparison ends with the shorter of the two.
+        its start; the comparison ends with the shorter of the two. Where the sources of one were
+        low-passed, the other goes through the same causal filter first.
     band : tuple of 2 float, Hz, optional
         Both are first band-passed without phase shift.
     frequency_method : str
@@ -203,6 +204,9 @@ def in_common(
 ) -> tuple[Seismogram, Seismogram]:
     """Return both seismograms at the times of the record, up to the earlier end, in a band.
 
+    Both have then gone through the causal low-pass of the sources of either, see
+    `Seismogram.filtered_like`.
+
     Raises
     ------
     InputError
@@ -213,6 +217,9 @@ def in_common(
             f"compare: components differ, {recorded.components} recorded against "
             f"{simulated.components} simulated; rotate one"
         )
+    if simulated.low_passed is None:
+        simulated = simulated.filtered_like(recorded.low_passed)
+    recorded = recorded.filtered_like(simulated.low_passed)
     end = min(recorded.start + recorded.duration, simulated.start + simulated.duration)
     if end - max(recorded.start, simulated.start) < 2.0 * recorded.dt:
         raise InputError(

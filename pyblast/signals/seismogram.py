@@ -12,6 +12,7 @@ from ..errors import InputError
 from ..units import check_angle
 
 FILTER_ORDER = 4
+SAMPLES_PER_CORNER = 50.0  # of a low-passed record: 0.1 % from the continuous filter
 GEOGRAPHIC = ("east", "north", "vertical")
 BLAST_AXES = ("longitudinal", "transverse", "vertical")
 PASS_BAND = 0.8  # of the new Nyquist frequency, kept without taper when resampling
@@ -36,6 +37,9 @@ class Seismogram:
     components : tuple of 3 str
         ``GEOGRAPHIC`` (east, north, vertical) or ``BLAST_AXES`` (longitudinal, transverse,
         vertical).
+    low_passed : float or None, Hz
+        Corner of the causal low-pass of the sources of this motion (`lowpassed`), None without
+        one; 0 where sources were low-passed differently.
 
     Raises
     ------
@@ -55,6 +59,7 @@ class Seismogram:
     start: float = 0.0
     label: str = ""
     components: tuple[str, str, str] = GEOGRAPHIC
+    low_passed: float | None = None
 
     def __post_init__(self) -> None:
         """Check the fields once and make the samples read-only."""
@@ -193,7 +198,42 @@ class Seismogram:
             return self._filtered("lowpass", hz)
         self._check_corners(hz)
         sections = scipy.signal.bessel(FILTER_ORDER, hz, norm="mag", fs=1.0 / self.dt, output="sos")
-        return replace(self, velocity=scipy.signal.sosfilt(sections, self.velocity, axis=0))
+        passed = scipy.signal.sosfilt(sections, self.velocity, axis=0)
+        return replace(self, velocity=passed, low_passed=hz)
+
+    def filtered_like(self, corner: float | None) -> "Seismogram":
+        """Return a record as it is beside motion whose sources were low-passed at a corner in Hz.
+
+        A record goes through the same causal low-pass, as if its first sample had lasted, between
+        its samples where these are few. Motion that has gone through it stays.
+
+        Raises
+        ------
+        InputError
+            If this motion has gone through another one.
+        """
+        if corner == self.low_passed and corner != 0.0:
+            return self
+        if corner and self.low_passed and math.isclose(corner, self.low_passed, rel_tol=1e-6):
+            return self  # a file has nine digits
+        if 0.0 in (corner, self.low_passed):
+            raise InputError(
+                f"{self.label or 'record'}: can't be set beside simulated motion some of whose "
+                "sources were low-passed and others not; give low_pass_hz so that none is"
+            )
+        if self.low_passed is not None:
+            other = "not low-passed" if corner is None else f"low-passed at {corner:g} Hz"
+            raise InputError(
+                f"{self.label or 'record'}: its sources were low-passed at "
+                f"{self.low_passed:g} Hz, those of the motion beside it were {other}; give both "
+                "the same low_pass_hz"
+            )
+        assert corner is not None  # else alike
+        finer, n = max(1, math.ceil(SAMPLES_PER_CORNER * corner * self.dt)), len(self.velocity)
+        fine, first = replace(self, velocity=self.velocity - self.velocity[0]), self.velocity[0]
+        fine = fine.sampled(self.start, self.dt / finer, (n - 1) * finer + 1)
+        passed = fine.lowpassed(corner, causal=True).velocity[::finer]
+        return replace(self, velocity=passed + first, low_passed=corner)
 
     def bandpassed(self, low: float, high: float) -> "Seismogram":
         """Band-pass filter, ``low`` to ``high`` Hz, without phase shift; -6 dB at both corners."""

@@ -36,7 +36,14 @@ from .hexahedra import (
     no_packs,
     pack_arrays,
 )
-from .loads import Loads, dynamic_conditions, model_loads, no_conditions, surface_impedance
+from .loads import (
+    Loads,
+    dynamic_conditions,
+    joined_loads,
+    model_loads,
+    no_conditions,
+    surface_impedance,
+)
 from .time_step import CriticalStep, Product, assembled_step, critical_step
 
 Step = tuple[float, CriticalStep]  # time step in s, and the limit behind it
@@ -416,12 +423,15 @@ def dynamic_arrays(
     geometry: dict[str, Any],
     n_steps: int,
     sides: Sequence[tuple[np.ndarray, np.ndarray, TimeFunction]] = (),
+    entry: tuple[tuple[int, ...], dict[str, np.ndarray]] | None = None,
 ) -> dict[str, Any]:
     """Return loads, dashpots, prescribed motion and receivers of the dynamic stage.
 
-    ``sides`` holds (nodes, forces, TimeFunction) of free-field sides.
+    ``sides`` holds (nodes, forces, TimeFunction) of free-field sides; ``entry`` the numbers of
+    injected sources and their load arrays.
     """
-    loads = model_loads(model, lambda surface: surface_impedance(model, surface))
+    injected = () if entry is None else entry[0]
+    loads = model_loads(model, lambda surface: surface_impedance(model, surface), injected)
     for nodes, forces, history in sides:
         loads.add(nodes, forces, loads.add_history(history))
     conditions = dynamic_conditions(model, geometry, loads)
@@ -431,11 +441,12 @@ def dynamic_arrays(
     if model.receivers:
         zone, weight = locate(model.mesh, [receiver.position for receiver in model.receivers])
         node, weight = nodes.zone_nodes[zone], nodes.shapes(weight)
+    arrays = loads.arrays(geometry["dt"] * np.arange(n_steps))
     return {
         "local_damping": model.local_damping,
         "node_load": np.zeros_like(nodes.points),
         **conditions,
-        **loads.arrays(geometry["dt"] * np.arange(n_steps)),
+        **(arrays if entry is None else joined_loads(arrays, entry[1])),
         "receiver_node": node,
         "receiver_weight": weight,
     }

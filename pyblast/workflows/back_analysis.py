@@ -276,7 +276,10 @@ def _compared(confirmed, name, band):
     """Return the compared motion at a receiver: in common time, within the band."""
     both = in_common(confirmed.recorded[name], confirmed.simulated[name], band)
     recorded, simulated = (motion_table(motion, band) for motion in both)
-    return {"band_hz": band, "recorded": recorded, "simulated": simulated}
+    return {
+        "band_hz": band, "recorded": recorded, "simulated": simulated,
+        "low_pass_hz": confirmed.recorded[name].low_passed,
+    }  # fmt: skip
 
 
 def _blast_table(confirmed):
@@ -359,8 +362,9 @@ def find_moment_rate(
     probe = replace(project, given=given)
     refuse_what_does_not_superpose(probe.model)
     run = simulate_model(probe.model, probe.duration, progress=progress)
-    motion = {name: s.shifted(-probe.lead) for name, s in run.seismograms.items()}
-    fit = fit_moment_rate(motion, project.recorded, band, dt, count)
+    motion = probe.simulated(run.seismograms)
+    recorded = {name: each.seismogram for name, each in probe.comparable.items()}
+    fit = fit_moment_rate(motion, recorded, band, dt, count)
     folder = new_folder(out or project.folder / "source")
     _write_rate(folder, fit, project)
     return fit, folder

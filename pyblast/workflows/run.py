@@ -126,7 +126,7 @@ def simulate(
     )  # fmt: skip
     return replace(
         done,
-        seismograms={name: s.shifted(-lead) for name, s in done.seismograms.items()},
+        seismograms=model.simulated(done.seismograms),
         snapshots={time - lead: velocity for time, velocity in done.snapshots.items()},
     )
 
@@ -285,7 +285,7 @@ def _is_checkpoint_of(folder: Path, fingerprint: str) -> bool:
 
 def _conclude(project: Project, checked: Check, run_: Run, folder: Path) -> Outcome:
     """Compare with records and gather everything in a `Result`."""
-    simulated = {n: s.shifted(-project.lead) for n, s in run_.seismograms.items()}
+    simulated = project.simulated(run_.seismograms)
     comparisons = compare_all(project, simulated)
     complete = "D40" not in {finding.code for finding in checked.findings}
     judged = (ENERGY, LEVEL) if complete else (ENERGY,)  # again, by the run
@@ -327,10 +327,11 @@ def _conclude(project: Project, checked: Check, run_: Run, folder: Path) -> Outc
 
 def compare_all(project: Project, simulated: dict[str, Seismogram]) -> dict[str, Comparison]:
     """Compare recorded with simulated motion at every receiver that has a record."""
-    band = project.config.run.compare_band_hz
+    asked = project.config.run.compare_band_hz
+    band = None if asked is None else (asked[0], asked[1])
     return {
-        name: compare(record, simulated[name], None if band is None else (band[0], band[1]))
-        for name, record in project.recorded.items()
+        name: compare(record.seismogram, simulated[name], band)
+        for name, record in project.comparable.items()
     }
 
 
@@ -467,6 +468,7 @@ def compare_files(
     bearing_deg: float | None = None,
     sheet: str | None = None,
     unit: str | None = None,
+    low_passed_hz: float | None = None,
 ) -> tuple[Comparison, Finding | None, list[str]]:
     """Compare a record with a receiver of a result file, or with another record.
 
@@ -486,6 +488,9 @@ def compare_files(
         Of the record, where it is a workbook.
     unit : str, optional
         Of both, where they are in a seismological format; see `read_recording`.
+    low_passed_hz : float, Hz, optional
+        Corner of the low-pass of the sources of a prediction, which seismological formats don't
+        say.
     """
     bearing = None if bearing_deg is None else math.radians(bearing_deg)
     read = first_recording(
@@ -494,8 +499,10 @@ def compare_files(
     record, air = read.seismogram, _air_lines(recorded, read)
     if Path(simulated).suffix != ".h5":
         other = first_recording(simulated, read_recording(simulated, bearing=bearing, unit=unit))
-        lines = air + _air_lines(simulated, other)
-        return compare(record, other.seismogram, band), None, lines
+        lines, predicted = air + _air_lines(simulated, other), other.seismogram
+        if low_passed_hz is not None:
+            predicted = replace(predicted, low_passed=low_passed_hz)
+        return compare(record, predicted, band), None, lines
     result = read_result(simulated)
     motions = result.seismograms("simulated")
     if not receiver and len(motions) == 1:

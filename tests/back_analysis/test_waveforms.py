@@ -133,8 +133,9 @@ def clipped(folder, marked):
     values = np.loadtxt(folder / "wall.csv", delimiter=",", skiprows=1)
     top = 0.4 * np.abs(values[:, 1:]).max()
     values[:, 1:] = np.clip(values[:, 1:], -top, top)
-    head = (folder / "wall.csv").read_text().splitlines()[0]
-    np.savetxt(folder / "wall.csv", values, "%.17g", ",", header=head, comments="")
+    head, *_, low_pass = (folder / "wall.csv").read_text().splitlines()
+    texts = {"header": head, "footer": low_pass, "comments": ""}
+    np.savetxt(folder / "wall.csv", values, "%.17g", ",", **texts)
     told = f"bearing_deg = 90\nfull_scale_mm_per_s = {1e3 * top if marked else 1e6}"
     path.write_text(path.read_text().replace("bearing_deg = 90", told))
     return path
