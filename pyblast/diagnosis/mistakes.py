@@ -37,6 +37,7 @@ UNITS = {1e3: "1,000 (mm/s read as m/s)", 1e2: "100 (cm/s read as m/s)", 25.4: "
 QUARTER = np.pi / 2
 SQUARE = np.radians(6.0)  # a turn within this of quarter turns is one
 SMALL_TURN = np.radians(10.0)
+MOST_STEPS = 4  # of Gauss-Newton
 STEP = 5.0  # m, of the derivative by the position of a blast
 
 
@@ -518,7 +519,7 @@ def _of_place(forward, compared, b, name):
     own = forward.case.project.blasts[name]
     present = compared.recorders(b)
     offset = np.zeros(2)
-    for _ in range(2):
+    for _ in range(MOST_STEPS):
         at = _motion(forward, name, _moved(own, offset))
         slopes = [
             (_motion(forward, name, _moved(own, offset + STEP * unit)) - at) / STEP
@@ -529,6 +530,8 @@ def _of_place(forward, compared, b, name):
         wrong = ((compared.recorded[b] - at)[present] / size).ravel()
         step = np.linalg.lstsq(columns, wrong, rcond=None)[0]
         offset = offset + np.clip(step, -3.0 * STEP, 3.0 * STEP)
+        if np.hypot(*step) < 0.3 * STEP:
+            break
     east, north = offset
     act = (f"correct the coordinates of {name}: its records are those of holes "
            f"{np.hypot(*offset):.1f} m off ({east:+.1f} m east, {north:+.1f} m north)")  # fmt: skip

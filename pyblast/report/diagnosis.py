@@ -1,6 +1,6 @@
 """Report of a diagnosis: what is missing, where, on what evidence, and what remains."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from functools import partial
 from math import radians
 
@@ -248,7 +248,7 @@ def _near(located):
     return f"{points}{seen} at {f0:.3g} to {f1:.3g} Hz, {t0:.2g} to {t1:.2g} s after the first hole"
 
 
-def listed(words: list[str]) -> str:
+def listed(words: Sequence[str]) -> str:
     """Join words by commas and "and"."""
     return _joined(words, "and")
 
