@@ -170,10 +170,9 @@ def summary_lines(summary: Mapping) -> list[str]:
 
 def acts(summary: Mapping) -> list[str]:
     """Return the act that mends each mistake, with what it does to the fit."""
-    done = " (done)" if summary["corrected"] else ""
     return [
-        f"{row['act']}{done}: correlation with the reference {row['correlation_before']:.2f} "
-        f"before, {row['correlation_after']:.2f} after"
+        f"{row['act']}{' (done)' * summary['corrected']}: correlation with the reference "
+        f"{row['correlation_before']:.2f} before, {row['correlation_after']:.2f} after"
         for row in summary["mistakes"]
     ]
 
