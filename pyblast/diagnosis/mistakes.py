@@ -32,8 +32,12 @@ EARLY = 0.25  # of a period at the centre of the band, by which records may be l
 LATE = 0.5  # s, by which the time zero of a blast may be wrong
 NEAREST = 0.6  # of the logarithm of a factor, by which it may miss that of a unit
 SCATTER = 0.15  # of the logarithm of amplitudes, at least
-UNITS = {1e3: "1,000 (mm/s read as m/s)", 1e2: "100 (cm/s read as m/s)", 25.4: "25.4 (inches)",
-         10.0: "10"}  # fmt: skip
+UNITS = {
+    1e3: "1,000 (mm/s read as m/s)",
+    1e2: "100 (cm/s read as m/s)",
+    25.4: "25.4 (inches)",
+    10.0: "10",
+}
 QUARTER = np.pi / 2
 SQUARE = np.radians(6.0)  # a turn within this of quarter turns is one
 SMALL_TURN = np.radians(10.0)
@@ -43,11 +47,15 @@ STEP = 5.0  # m, of the derivative by the position of a blast
 
 # Labels of the library for the same.
 LABELS = {
-    "components": "sensor_orientation_or_polarity", "turned": "sensor_orientation_or_polarity",
-    "unit": "instrument_response", "integrated": "instrument_response",
-    "differentiated": "instrument_response", "receivers": "swapped_channels",
-    "delays": "delay_scatter", "place": "wrong_coordinates",
-}  # fmt: skip
+    "components": "sensor_orientation_or_polarity",
+    "turned": "sensor_orientation_or_polarity",
+    "unit": "instrument_response",
+    "integrated": "instrument_response",
+    "differentiated": "instrument_response",
+    "receivers": "swapped_channels",
+    "delays": "delay_scatter",
+    "place": "wrong_coordinates",
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,9 +92,13 @@ class Mistake:
         """Return the mistake as a row of ``diagnosis.json``."""
         before, after = round(self.before, 3), round(self.after, 3)
         return {
-            "kind": self.kind, "label": LABELS.get(self.kind), "target": self.target,
-            "act": self.act, "correlation_before": before, "correlation_after": after,
-        }  # fmt: skip
+            "kind": self.kind,
+            "label": LABELS.get(self.kind),
+            "target": self.target,
+            "act": self.act,
+            "correlation_before": before,
+            "correlation_after": after,
+        }
 
 
 def mistakes_of(project: Project, simulate: Callable[[Case], Forward]) -> tuple[list, Project]:
@@ -110,15 +122,15 @@ def mistakes_of(project: Project, simulate: Callable[[Case], Forward]) -> tuple[
     SolverError
         If a run of the reference fails.
     """
-    found: list[Mistake] = []
-    while len(found) < MOST:
+    mistakes: list[Mistake] = []
+    while len(mistakes) < MOST:
         forward = simulate(case_of(project))
         mistake = plainest(forward, project)
         if mistake is None:
             break
-        found.append(mistake)
+        mistakes.append(mistake)
         project = mistake.mended(project)
-    return found, project
+    return mistakes, project
 
 
 def plainest(forward: Forward, project: Project) -> Mistake | None:
@@ -136,10 +148,10 @@ def plainest(forward: Forward, project: Project) -> Mistake | None:
 
 def _best(offered):
     """Return the act that mends most of what it concerns, if no other mends it nearly as well."""
-    for one in sorted(offered, key=lambda m: -m.ratio):
-        rivals = [m for m in offered if m.target == one.target and m.act != one.act]
-        if all(1.0 - m.after > AMBIGUOUS * (1.0 - one.after) for m in rivals):
-            return one
+    for mistake in sorted(offered, key=lambda m: -m.ratio):
+        rivals = [m for m in offered if m.target == mistake.target and m.act != mistake.act]
+        if all(1.0 - m.after > AMBIGUOUS * (1.0 - mistake.after) for m in rivals):
+            return mistake
     return None
 
 
@@ -187,8 +199,8 @@ class Compared:
         """
         n, lags = recorded.shape[-1], self.lags if lags is None else lags
         size = fft.next_fast_len(2 * n, real=True)
-        there, here = fft.rfft(recorded, size), fft.rfft(simulated, size)
-        all_lags = fft.irfft(there[..., :, None, :] * here[..., None, :, :].conj(), size)
+        spectrum, reference = fft.rfft(recorded, size), fft.rfft(simulated, size)
+        all_lags = fft.irfft(spectrum[..., :, None, :] * reference[..., None, :, :].conj(), size)
         return np.roll(all_lags, lags, axis=-1)[..., : 2 * lags + 1]
 
     def present(self, r) -> np.ndarray:
@@ -219,9 +231,9 @@ class Compared:
     @property
     def amplitude(self) -> np.ndarray:
         """Logarithm of recorded over simulated amplitude, (n_blasts, n_receivers)."""
-        there, here = self.norm(self.recorded), self.norm(self.simulated)
+        recorded, simulated = self.norm(self.recorded), self.norm(self.simulated)
         with np.errstate(divide="ignore", invalid="ignore"):
-            return np.where(there > 0.0, np.log(there / here), np.nan)
+            return np.where(recorded > 0.0, np.log(recorded / simulated), np.nan)
 
     def usual(self, but=()) -> float:
         """Return the median misfit of receivers, some left out."""
@@ -231,11 +243,11 @@ class Compared:
 
     def accepts(self, before, after, but=()) -> bool:
         """Tell whether an act mends records: by their correlations in each blast."""
-        misfit, left = 1.0 - np.mean(before), 1.0 - np.mean(after)
+        misfit, remaining = 1.0 - np.mean(before), 1.0 - np.mean(after)
         return bool(
-            misfit >= max(MISFIT, RATIO * left)
+            misfit >= max(MISFIT, RATIO * remaining)
             and np.all(np.asarray(after) > before)
-            and left <= max(MISFIT, OTHERS * self.usual(but))
+            and remaining <= max(MISFIT, OTHERS * self.usual(but))
         )
 
 
@@ -251,9 +263,9 @@ def _copy(compared):
     """Return records that are those of another blast, the same to the digit, as a mistake."""
     case, plain = compared.case, compared.strict
     for a, b in combinations(range(len(case.blasts)), 2):
-        here, there = case.motion[a], case.motion[b]
-        both = (_size(here) > 0.0) & (_size(there) > 0.0)
-        alike = np.sum(here * there, axis=(1, 2))[both] / (_size(here) * _size(there))[both]
+        first, second = case.motion[a], case.motion[b]
+        both = (_size(first) > 0.0) & (_size(second) > 0.0)
+        alike = np.sum(first * second, axis=(1, 2))[both] / (_size(first) * _size(second))[both]
         if not len(alike) or np.any(1.0 - alike > COPY):
             continue
         fits = [float(np.mean(plain[blast][both])) for blast in (a, b)]
@@ -261,9 +273,13 @@ def _copy(compared):
         name, other = case.blasts[wrong], case.blasts[right]
         act = f"give the records of {name}: those in their place are the records of {other}"
         return Mistake(
-            "copy", name, act, min(fits), max(fits),
+            "copy",
+            name,
+            act,
+            min(fits),
+            max(fits),
             lambda project, name=name: _without(project, name),
-        )  # fmt: skip
+        )
     return None
 
 
@@ -294,9 +310,13 @@ def _of_components(compared, r, name, before, recorded, simulated):
 
     def mistake(kind, act, after, change):
         return Mistake(
-            kind, name, act, float(np.mean(before)), float(np.mean(after)),
+            kind,
+            name,
+            act,
+            float(np.mean(before)),
+            float(np.mean(after)),
             lambda project: _records(project, name, change),
-        )  # fmt: skip
+        )
 
     for order, signs in product(permutations(range(3)), product((1.0, -1.0), repeat=3)):
         parts = [
@@ -364,18 +384,22 @@ def _of_calculus(compared, r, name, before, blasts):
     inverse = np.divide(1.0, turns, out=np.zeros_like(turns), where=turns != 0.0)
     recorded, simulated = compared.recorded[blasts, r], compared.simulated[blasts, r]
     for word, factor, act in (
-        ("acceleration", inverse, "integrate"), ("displacement", turns, "differentiate"),
-    ):  # fmt: skip
+        ("acceleration", inverse, "integrate"),
+        ("displacement", turns, "differentiate"),
+    ):
         changed = fft.irfft(fft.rfft(recorded) * factor, case.n_samples)
         changed = changed @ case.band.basis @ case.band.basis.T
         after = compared.correlation(changed, simulated)
         level = np.median(np.log(_size(changed) / np.maximum(_size(simulated), 1e-300))) - usual
         if _mends(before, after) and abs(level) < 3.0 * spread:
             yield Mistake(
-                f"{act}d", name, f"{act} the records of {name}: they are {word}, not velocity",
-                float(np.mean(before)), float(np.mean(after)),
+                f"{act}d",
+                name,
+                f"{act} the records of {name}: they are {word}, not velocity",
+                float(np.mean(before)),
+                float(np.mean(after)),
                 lambda project, act=act: _records(project, name, partial(_calculus, how=act)),
-            )  # fmt: skip
+            )
 
 
 def _usual_amplitude(compared, but):
@@ -402,11 +426,15 @@ def _of_unit(compared, r, name, blasts):
             if np.all(error < min(3.0 * spread, NEAREST)):
                 before, after = (float(np.mean(np.exp(-np.abs(e)))) for e in (level, error))
                 yield Mistake(
-                    "unit", name, f"{how} the records of {name} by {words}", before, after,
+                    "unit",
+                    name,
+                    f"{how} the records of {name} by {words}",
+                    before,
+                    after,
                     lambda project, by=factor**-sign: _records(
                         project, name, partial(_scaled, factor=by)
                     ),
-                )  # fmt: skip
+                )
 
 
 # Mistakes between receivers, and of one blast
@@ -428,10 +456,13 @@ def _of_pairs(compared) -> Iterator[Mistake]:
         if compared.accepts(before, crossed, (a, b)):
             names = case.receivers[a], case.receivers[b]
             yield Mistake(
-                "receivers", " and ".join(names), f"exchange the records of {names[0]} and "
-                f"{names[1]}", float(np.mean(before)), float(np.mean(crossed)),
+                "receivers",
+                " and ".join(names),
+                f"exchange the records of {names[0]} and {names[1]}",
+                float(np.mean(before)),
+                float(np.mean(crossed)),
                 lambda project, names=names: _exchanged(project, *names),
-            )  # fmt: skip
+            )
 
 
 def _of_blasts(compared) -> Iterator[Mistake]:
@@ -453,12 +484,15 @@ def _of_blasts(compared) -> Iterator[Mistake]:
             seconds = shifts[b] * case.dt
             act = f"correct time zero of {name}: its records are {1e3 * abs(seconds):.0f} ms "
             yield Mistake(
-                "time zero", name, act + ("late" if seconds > 0.0 else "early"),
-                float(np.mean(before)), float(np.mean(after)),
+                "time zero",
+                name,
+                act + ("late" if seconds > 0.0 else "early"),
+                float(np.mean(before)),
+                float(np.mean(after)),
                 lambda project, b=name, s=seconds: _records(
                     project, None, partial(_shifted, seconds=-s), b
                 ),
-            )  # fmt: skip
+            )
 
 
 def _overlapping(motion, reach):
@@ -473,8 +507,8 @@ def _overlapping(motion, reach):
 
 def _mends(before, after, least=MISFIT):
     """Tell whether misfits fall far enough, without regard to other receivers."""
-    misfit, left = 1.0 - np.mean(before), 1.0 - np.mean(after)
-    return bool(misfit >= max(least, RATIO * left))
+    misfit, remaining = 1.0 - np.mean(before), 1.0 - np.mean(after)
+    return bool(misfit >= max(least, RATIO * remaining))
 
 
 # The plan of a blast, by runs of others
@@ -509,9 +543,13 @@ def _of_delays(forward, compared, b, name):
             continue
         fired = replace(own, times=times)
         yield from _judged(
-            forward, compared, b, fired, "delays", f"correct the delays of {name}: its records are "
-            f"those of delays {words}",
-        )  # fmt: skip
+            forward,
+            compared,
+            b,
+            fired,
+            "delays",
+            f"correct the delays of {name}: its records are those of delays {words}",
+        )
 
 
 def _of_place(forward, compared, b, name):
@@ -533,8 +571,10 @@ def _of_place(forward, compared, b, name):
         if np.hypot(*step) < 0.3 * STEP:
             break
     east, north = offset
-    act = (f"correct the coordinates of {name}: its records are those of holes "
-           f"{np.hypot(*offset):.1f} m off ({east:+.1f} m east, {north:+.1f} m north)")  # fmt: skip
+    act = (
+        f"correct the coordinates of {name}: its records are those of holes "
+        f"{np.hypot(*offset):.1f} m off ({east:+.1f} m east, {north:+.1f} m north)"
+    )
     yield from _judged(forward, compared, b, _moved(own, offset), "place", act)
 
 
@@ -547,9 +587,13 @@ def _judged(forward, compared, b, fired, kind, act):
     before = compared.strict[b, present]
     if _mends(before, after, SLIGHT):
         yield Mistake(
-            kind, name, act, float(np.mean(before)), float(np.mean(after)),
+            kind,
+            name,
+            act,
+            float(np.mean(before)),
+            float(np.mean(after)),
             lambda project: project.changed(blasts=project.blasts | {name: fired}),
-        )  # fmt: skip
+        )
 
 
 def _motion(forward, name, fired):
@@ -577,22 +621,23 @@ def _records(project, receiver, change, blast=None) -> Project:
     tables = {
         each.name: {
             name: change(record)
-            if receiver in (None, name) and blast in (None, each.name) else record
+            if receiver in (None, name) and blast in (None, each.name)
+            else record
             for name, record in each.records.items()
         }
         for each in (project, *project.further)
-    }  # fmt: skip
+    }
     return project.changed(records=tables)
 
 
 def _without(project, blast) -> Project:
     """Return a project without the records of one blast."""
     tables = {each.name: each.records for each in (project, *project.further)}
-    kept = {name: table for name, table in tables.items() if name != blast}
+    remaining = {name: table for name, table in tables.items() if name != blast}
     further = tuple(each for each in project.further if each.name != blast)
     if project.name == blast:
         project, further = further[0], further[1:]
-    return replace(project, further=further).changed(records=kept)
+    return replace(project, further=further).changed(records=remaining)
 
 
 def _exchanged(project, first, second) -> Project:
@@ -601,7 +646,9 @@ def _exchanged(project, first, second) -> Project:
     for each in (project, *project.further):
         table = dict(each.records)
         pair = {first: table.pop(second, None), second: table.pop(first, None)}
-        tables[each.name] = table | {name: one for name, one in pair.items() if one is not None}
+        tables[each.name] = table | {
+            name: record for name, record in pair.items() if record is not None
+        }
     return project.changed(records=tables)
 
 
