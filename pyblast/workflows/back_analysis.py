@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..back_analysis.findings import findings_of_fit, findings_of_table
+from ..back_analysis.findings import findings_of_table
 from ..back_analysis.fit import (
     WORK_OF_BETTER,
     Fit,
@@ -186,16 +186,16 @@ def _fitted(
     (say or silent)(_estimate(fitter, runs))
 
     def written(fit):
-        _write(folder, _of_fit(target, table, fit), before, table, finished=False)
+        _write(folder, result_of_fit(target, table, fit), before, table, finished=False)
 
     fitter.written = written
     try:
-        return _of_fit(target, table, fitter.fit())
+        return result_of_fit(target, table, fitter.fit())
     except KeyboardInterrupt:
         raise Interrupted(_kept(trial_log)) from None
 
 
-def _of_fit(target, table, fit) -> BackAnalysis:
+def result_of_fit(target, table, fit) -> BackAnalysis:
     """Return the result of a fit, not confirmed: its steps are the trace."""
     places = [fit.names.index(parameter.name) for parameter in target.parameters]
     points = np.array([
