@@ -92,7 +92,8 @@ def judged(name: str, folder: Path) -> dict:
     began, stored = time.process_time(), []
     target, table = make_target(loaded), loaded.config.back_analysis
     waves = target.waveforms
-    assert waves is not None and table is not None  # written above
+    assert waves is not None  # the default misfit
+    assert table is not None  # written above
     blasts = on_mesh_of_band(target.projects, waves.window.band[1])
     runs = Runs(blasts, waves.records, waves.window, table.runs, folder / f"runs-{site}",
                 report=lambda row: stored.append(row["stored"]))  # fmt: skip

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..back_analysis.findings import findings_of_table
+from ..back_analysis.findings import findings_of_fit, findings_of_table
 from ..back_analysis.fit import (
     WORK_OF_BETTER,
     Fit,
