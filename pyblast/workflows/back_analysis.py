@@ -379,6 +379,7 @@ def summarise_fit(fit: Fit) -> dict:
         ],
         "taken_as_known": fit.left_out,
         "influences": fit.influences(),
+        "trade_offs": fit.trade_offs(),
         "nuisances": fit.posterior.nuisances,
         "remaining_above_noise": fit.posterior.remaining,
     }  # fmt: skip
