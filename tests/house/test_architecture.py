@@ -63,6 +63,7 @@ ORDER = [
     "joint_laws",
     "elasticity",
     "principal_stresses",
+    "smoothing",
     "mohr_coulomb",
     "hoek_brown",
     "ubiquitous_joints",
