@@ -49,7 +49,6 @@ from .time_step import CriticalStep, Product, assembled_step, critical_step
 
 Step = tuple[float, CriticalStep]  # time step in s, and the limit behind it
 DOMAIN_ZONES = 1024
-YIELDING_ZONES = 256  # are checked together
 QUADRATIC_ZONES = 512
 MOST_SHARED = 100_000  # nodes of models that share arrays, so that these take little memory
 
@@ -104,8 +103,7 @@ def _starts(group, patch, size):
     cuts = []
     for low, high in pairwise(np.append(0, ends)):
         cuts.append(low)
-        step = YIELDING_ZONES if patch[low] >= 0 else size
-        for cut in range(low + step, high, step):
+        for cut in range(low + size, high, size):
             first = max(low, cut - MOST)
             within = np.count_nonzero(patch[first:cut] == patch[cut])
             cuts.append(cut - (within if patch[cut] >= 0 else 0))

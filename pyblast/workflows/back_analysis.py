@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from ..back_analysis.findings import findings_of_fit, findings_of_table
-from ..back_analysis.parameters import range_of
+from ..back_analysis.parameters import range_of, table_of
 from ..back_analysis.search import (
     BackAnalysis,
     check_posterior_table,
@@ -164,7 +164,8 @@ def _goes_on(folder: Path, searched: str, table: BackAnalysisConfig) -> bool:
 
 def findings_before(project: Project) -> list[Finding]:
     """Return the findings before a search: failed checks, the level, then those of the table."""
-    own = findings_of_table(project)  # first, since it may refuse the project
+    table_of(project)  # refused before anything is meshed, if it is missing
+    own = findings_of_table(project)
     checked = check(project, measure=False).findings
     return [*(each for each in checked if each.failed or each.code == LEVEL), *own]
 
