@@ -122,9 +122,6 @@ class Model:
         Fields of factors on the wave speeds.
     insitu : InSitu, optional
         In-situ stress; a static stage then precedes the dynamic one.
-    added_mass : float
-        Largest fraction of the mass of each material that may be added to zones with a small
-        critical time step (selective mass scaling).
     step_factor : float
         Time step over the critical one.
     quadratic : bool
@@ -164,7 +161,6 @@ class Model:
     sponge: SpongeLayer | None = None
     ground: tuple[GroundField, ...] = ()
     insitu: InSitu | None = None
-    added_mass: float = 0.0025
     step_factor: float = 0.8
     local_damping: float = 0.0
     quadratic: bool = False
@@ -183,8 +179,6 @@ class Model:
             raise InputError("receivers: two receivers have the same name; rename one")
         if not 0.0 < self.step_factor <= 1.0:
             raise InputError(f"step_factor: must lie in 0 to 1, got {self.step_factor:g}")
-        if not 0.0 <= self.added_mass <= 0.1:
-            raise InputError(f"added_mass: must lie in 0 to 0.1, got {self.added_mass:g}")
         if not 0.0 <= self.local_damping < 1.0:
             raise InputError(f"local_damping: must lie in 0 to 1, got {self.local_damping:g}")
         if not self._ordered:

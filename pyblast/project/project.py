@@ -363,7 +363,6 @@ class Project:
                 damping=make_damping(config),
                 ground=(*make_fields(config.ground, self.blast, mesh), *self.fields),
                 insitu=make_insitu(config.insitu),
-                added_mass=config.run.added_mass,
                 step_factor=config.run.step_factor or STEP_FACTOR[mesh.hexahedral],
                 local_damping=config.run.local_damping,
                 quadratic=config.mesh.quadratic,

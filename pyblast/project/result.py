@@ -273,7 +273,6 @@ def summarise(project, checked, run, simulated, comparisons):
             "balance_error": run.balance_error,
             "limited_by": run.prepared.limit.limited_by,
             "static": run.prepared.static,
-            "added_mass": checked.summary.added_mass,
         },
         "energy": {
             n: float(v[-1]) for n, v in run.energy.items() if n not in ("time", "unbalanced")

@@ -36,6 +36,7 @@ from .hexahedra import (
     no_packs,
     pack_arrays,
 )
+from .implicit_zones import explicit_product, moved_nodes, no_implicit_zones
 from .loads import (
     Loads,
     dynamic_conditions,
@@ -176,7 +177,9 @@ def time_step(model: Model) -> Step:
     else:
         limit = critical_step(model)
         if model.quadratic:
-            limit = assembled_step(model, limit, mass, partial(zone_product, model))
+            mass = model.nodes.sums(mass)
+            product = explicit_product(model, limit.implicit, mass, zone_product)
+            limit = assembled_step(model, limit, mass, product)
     return model.step_factor * limit.dt * _local_damping_factor(model), limit
 
 
@@ -218,6 +221,7 @@ def zone_product(model: Model, mass: np.ndarray, active: np.ndarray | None = Non
         **zones,
         **zero_loads(2),
         **no_conditions(),
+        **no_implicit_zones(),
         "receiver_node": np.zeros((0, model.nodes.zone_nodes.shape[1]), dtype=np.int32),
         "receiver_weight": np.zeros((0, model.nodes.zone_nodes.shape[1])),
     }
@@ -264,13 +268,12 @@ def _ground_arrays(model, step):
     """Return the arrays that depend on mesh, materials and joints."""
     mesh, nodes = model.mesh, model.nodes
     dt, limit = step or time_step(model)
-    volume = volumes(mesh)
-    mass = model.zone_values("density") * volume
-    node_mass = nodes.sums(mass + limit.added_mass)
-    node_mass += _fill_mass(model)
+    mass = model.zone_values("density") * volumes(mesh)
+    node_mass = nodes.sums(mass) + _fill_mass(model)
     drag = nodes.sums(model.zone_damping("alpha") * mass)
     contacts = _contacts(model)
-    common = {"dt": dt, "node_mass": node_mass, "node_alpha": drag / node_mass, **contacts}
+    common = {"dt": dt, "node_mass": node_mass, "node_alpha": drag / node_mass}
+    common |= {**contacts, **no_implicit_zones()}
     if mesh.hexahedral:
         packs, member = pack_arrays(model, contacts["contact_node"])
         arrays = {**common, **zone_laws(model), **packs}
@@ -280,7 +283,7 @@ def _ground_arrays(model, step):
 
 def _ground(model, step):
     """Return what the arrays of `_ground_arrays` depend on."""
-    return replace(model, sources=(), receivers=(), boundaries=()), step
+    return replace(model, sources=(), receivers=(), boundaries=()), moved_nodes(model), step
 
 
 _shared_arrays = stored(_ground_arrays, _ground)

@@ -23,10 +23,11 @@ from . import assembly
 from .assembly import Step
 from .edge_springs import run_bytes
 from .free_field import side_loads
+from .implicit_zones import implicit_arrays
 from .initial_stress import after_static, can_yield, static_arrays
 from .injection import Injection, inject, injection_bytes, patch_of
 from .model_file import write_model
-from .time_step import CriticalStep
+from .time_step import CriticalStep, contact_springs
 
 
 def fingerprint(*tables: dict[str, Any]) -> str:
@@ -189,6 +190,8 @@ def prepare(
             injection = inject(model, patch, geometry["dt"], n_steps)
             entry = patch.sources, injection.loads
     constants = {**geometry, **assembly.dynamic_arrays(model, geometry, n_steps, sides, entry)}
+    springs = contact_springs(model)
+    constants |= implicit_arrays(model, constants, limit.implicit, springs, assembly.zone_product)
     state = assembly.initial_state(constants)
     if settled is not None:
         constants, state = after_static(constants, *settled)

@@ -3,6 +3,8 @@
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import reduce
+from operator import or_
 from pathlib import Path
 from typing import Any
 
@@ -422,8 +424,9 @@ def _run_batch(models, duration, step):
     began = time.perf_counter()
     steps = [step or assembly.time_step(model) for model in models]
     shortest = min(dt for dt, _ in steps)
+    implicit = reduce(or_, [limit.implicit for _, limit in steps])
     prepared = [
-        prepare(model, duration, step=(shortest, limit))
+        prepare(model, duration, step=(shortest, replace(limit, implicit=implicit)))
         for model, (_, limit) in zip(models, steps, strict=True)
     ]
     constants, state = stacked([each.constants for each in prepared], [p.state for p in prepared])
