@@ -142,8 +142,7 @@ def _resolving(project, ground, asked, wave):
 
 def _model_in(project, ground):
     """Return the model of a project on a ground."""
-    trial = replace(project, log=ReadLog(), given=project.given | {"ground": ground})
-    return trial.model
+    return replace(project, log=ReadLog(), given=project.given | {"ground": ground}).model
 
 
 def _widened(project, ground, asked, model, needed, build):
