@@ -1,5 +1,6 @@
 """Choice of the elements of a project: spectral hexahedra where the ground allows it."""
 
+import math
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import chain, pairwise
@@ -10,7 +11,7 @@ from ..errors import InputError, named_error
 from ..mesh.as_built import Row, as_built
 from ..mesh.grid import SIDES
 from ..mesh.hexahedral import mapped, subdivided, swept
-from ..mesh.hexahedral.mapped import Fine, NotMapped
+from ..mesh.hexahedral.mapped import Builder, Fine, NotMapped
 from ..mesh.mesh import Mesh, edge_lengths
 from ..mesh.quality import explicit_work
 from ..model.material import ConstantQ
@@ -22,7 +23,10 @@ from .surface import make_fractures
 
 ORDER = 5  # in a plain grid
 ORDERS = (3, 4)  # tried first elsewhere; a node and step costs about the same in all
-BUILDERS = {"between the planes": mapped.build, "swept along one direction": swept.build}
+BUILDERS: dict[str, Builder] = {
+    "between the planes": mapped.build,
+    "swept along one direction": swept.build,
+}
 # Nodes per shortest S wavelength for an error of 1 % over three wavelengths, by order; the error
 # falls with the power below of their number: docs/quality/performance.md.
 NODES_FOR_ONE_PER_CENT = {2: 9.0, 3: 5.9, 4: 4.6, 5: 4.3, 6: 4.0, 7: 4.0, 8: 4.1}
@@ -92,7 +96,7 @@ def make_ground(project) -> Ground:
     Raises
     ------
     InputError
-        If the project asks for hexahedra and its ground can't be a mapped grid.
+        If the project asks for hexahedra and they don't serve its ground.
     """
     config, materials = project.config, project.materials
     kind = config.mesh.kind
@@ -109,8 +113,8 @@ def make_ground(project) -> Ground:
             obstacle = str(reason)
     if kind == "hexahedra":
         raise InputError(
-            f"mesh.kind: 'hexahedra' need a ground that is a mapped grid, but {obstacle}; "
-            "take 'auto' or 'tetrahedra'"
+            f"mesh.kind: 'hexahedra' do not serve this ground: {obstacle}; take 'auto' or "
+            "'tetrahedra'"
         )
     reason = "tetrahedra, as mesh.kind asks for" if obstacle is None else f"tetrahedra: {obstacle}"
     return _tetrahedra(project, asked, wave, reason)
@@ -338,24 +342,33 @@ def _scaled(mesh, factor, **other):
     return scaled(mesh).model_copy(update={**parts, **other})
 
 
-def refined(mesh, hexahedral: bool, linear: bool):
-    """Return a `MeshConfig` with a fraction of the error of another, None where there is none.
+def refined(project, error: float = FINER_ERROR):
+    """Return the `MeshConfig` with another error than that of a project, None if there is none.
+
+    Hexahedra become smaller (or larger) by their rule; edges of tetrahedra are scaled, and zones
+    of a file or a regular grid become quadratic where a smaller error is asked for.
 
     Parameters
     ----------
-    mesh : MeshConfig
-    hexahedral : bool
-        Whether it gives hexahedra, which become smaller by their rule; edges of tetrahedra are
-        shortened, and those of a file or a regular grid given quadratic zones.
-    linear : bool
-        Whether all ground is isotropic, linear and elastic, as quadratic zones need.
+    project : Project
+    error : float
+        Over that of its mesh.
     """
-    if hexahedral:
-        return mesh.model_copy(update={"accuracy": mesh.accuracy * FINER_ERROR})
+    mesh = project.config.mesh
+    if project.mesh.hexahedral:
+        return mesh.model_copy(update={"accuracy": mesh.accuracy * error})
     if mesh.file is not None or mesh.grid_cells is not None:
-        usable = linear and not mesh.quadratic
+        laws = {project.materials[name].law.name for name in project.mesh.groups}
+        usable = error < 1.0 and laws == {"elastic"} and not mesh.quadratic
         return mesh.model_copy(update={"quadratic": True}) if usable else None
-    return _scaled(mesh, FINER_EDGE)
+    factor, top = edge_factor(error), _frequency(project.config)
+    scaled = _scaled(mesh, factor)
+    return scaled if top is None else scaled.model_copy(update={"frequency_hz": top / factor})
+
+
+def edge_factor(error: float) -> float:
+    """Return the factor on the edges of tetrahedra for another error."""
+    return max(error, FINER_ERROR) ** (math.log(FINER_EDGE) / math.log(FINER_ERROR))
 
 
 def _obstacle(config, materials):

@@ -298,7 +298,7 @@ class Project:
 
     @_part
     def comparable(self) -> dict[str, Recording]:
-        """Return records to set beside simulated motion: by receiver, low-passed as it is."""
+        """Return records to set beside simulated motion, low-passed like what enters."""
         compared = {}
         for name, record in self.records.items():
             with named_error(f"{self.path.name}: receivers.{name}.recorded"):
