@@ -152,17 +152,20 @@ def _model_in(project, ground):
 def _widened(project, ground, asked, model, needed, build):
     """Return a ground whose open sides lie so far from the sources that these are injected."""
     reach = RING * float(edge_lengths(ground.mesh).max())
-    places = [_around(model.sources[number], reach) for number in needed]
+    boxes = [_around(model.sources[number], reach) for number in needed]
     box = asked.box.copy()
     for number, side in enumerate(SIDES):
         axis, end = divmod(number, 2)
         if side in asked.open_sides:
-            ends = [place[axis, end] for place in places]
+            ends = [each[axis, end] for each in boxes]
             box[axis, end] = max(box[axis, end], *ends) if end else min(box[axis, end], *ends)
-    if np.array_equal(box, asked.box):
+    beyond = not np.array_equal(box[:2], asked.box[:2])
+    if np.array_equal(box, asked.box) or (beyond and asked.surface is not None):
         return None
+    middle = tuple(asked.box.mean(axis=1))  # where sets without an origin have a joint
+    sets = [replace(part, origin=part.origin or middle) for part in asked.joint_sets]
     try:
-        wider = build(replace(asked, box=box))
+        wider = build(replace(asked, box=box, joint_sets=tuple(sets)))
     except InputError:
         return None
     work = explicit_work(wider.mesh) / explicit_work(ground.mesh)
@@ -177,7 +180,7 @@ def _widened(project, ground, asked, model, needed, build):
 def _graded(project, ground, asked, model, needed, build):
     """Return a ground of shorter edges around sources, for as many receivers as may be."""
     before, best = explicit_work(ground.mesh), None
-    for least in _ladder(np.concatenate([*needed.values()])):
+    for least in _steps(np.concatenate([*needed.values()])):
         lines = []
         for number, edges in needed.items():
             if edges.max() >= least:
@@ -195,7 +198,7 @@ def _graded(project, ground, asked, model, needed, build):
     return best
 
 
-def _ladder(edges):
+def _steps(edges):
     """Return some of the edges (n,) in m, the longest first, each shorter by a third at least."""
     steps = []
     for edge in sorted(edges, reverse=True):
