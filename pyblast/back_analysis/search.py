@@ -31,12 +31,13 @@ from .parameters import (
     check_parameters,
     chosen_records,
     common_time_step,
+    fitted_blasts,
     parameters_of,
     table_of,
     with_values,
 )
 from .survey_design import SurveyDesign, ranges_of, survey_design_at
-from .trials import Target, Trials, band_of, misfit_of, waveforms_of
+from .trials import Target, Trials, misfit_of, waveforms_of
 from .waveforms import make_waveforms, mesh_errors_of
 
 NEAREST = 3  # runs for each parameter in the regression for the derivatives of the motion
@@ -281,9 +282,9 @@ def make_target(project: Project) -> Target:
             f"{where}.method: 'levenberg' needs residuals, and misfit '{table.misfit}' has "
             "none; take 'surrogate'"
         )
-    blasts = blasts_of(project)
-    for blast in blasts:
+    for blast in blasts_of(project):
         check_parameters(blast, parameters)
+    blasts, _ = fitted_blasts(project)
     steps = tuple(common_time_step(blast, parameters) for blast in blasts)
     waveforms = None
     if table.misfit == "waveform":
@@ -328,7 +329,7 @@ def confirm(target: Target, method, seed, trace: Trace, progress=None) -> BackAn
         simulated = varied.simulated(run.seismograms)
         recorded = target.recorded(project)
         comparisons = {
-            name: compare(record, simulated[name], band_of(project))
+            name: compare(record, simulated[name], project.compared_band)
             for name, record in recorded.items()
         }
         confirmed[project.path.name] = Confirmed(simulated, recorded, comparisons, strength)

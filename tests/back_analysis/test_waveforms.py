@@ -8,7 +8,7 @@ from inversion_project import PARAMETERS, TRUTH, noisy
 
 from pyblast import back_analyse, load_project
 from pyblast.back_analysis.findings import findings_of_table
-from pyblast.back_analysis.parameters import simulate
+from pyblast.back_analysis.parameters import simulate, with_values
 from pyblast.back_analysis.search import make_target
 from pyblast.back_analysis.trials import evaluate
 from pyblast.back_analysis.waveforms import (
@@ -21,6 +21,7 @@ from pyblast.back_analysis.waveforms import (
 from pyblast.errors import InputError
 from pyblast.inference.covariance import usual_whitener
 from pyblast.inference.records import band_functions
+from pyblast.project.validity import validity
 from pyblast.workflows.back_analysis import RESULT, TRIALS
 
 
@@ -58,8 +59,8 @@ def test_the_page_sets_the_result_beside_the_laboratory_and_warns_of_low_damping
 def test_noise_above_all_errors_of_the_theory_is_worth_about_one(tmp_path):
     target = make_target(load_project(noisy(tmp_path, rms=0.05)))
 
-    # 45 numbers, four degrees of freedom to the level of the noise of each channel
-    assert evaluate(target, np.array([TRUTH]))[0]["misfit"] == pytest.approx(1.0, abs=0.5)
+    # 42 numbers, four degrees of freedom to the level of the noise of each channel
+    assert 0.25 < evaluate(target, np.array([TRUTH]))[0]["misfit"] < 2.5
 
 
 def test_misfits_of_a_trace_are_all_by_the_same_levels(found):
@@ -242,7 +243,32 @@ def test_few_coefficients_in_the_band_are_a_finding(tmp_path):
     found = findings_of_table(load_project(noisy(tmp_path)))[0]
 
     assert found.code == "D10"
-    assert found.numbers == {"numbers": 45.0, "parameters": 3.0}
+    assert found.numbers == {"numbers": 42.0, "parameters": 3.0}
     path = noisy(tmp_path)
-    path.write_text(path.read_text().replace("[3, 20]", "[3, 60]"))
+    path.write_text(path.read_text().replace("duration_s = 0.8", "duration_s = 1.2"))
     assert findings_of_table(load_project(path)) == []
+
+
+def test_only_the_band_that_the_mesh_carries_is_compared(tmp_path):
+    path = noisy(tmp_path)
+    path.write_text(path.read_text().replace("[3, 13]", "[3, 25]"))
+    project = load_project(path)
+    (row,) = validity(project)
+
+    target = make_target(project)
+    (finding,) = (one for one in findings_of_table(project) if one.code == "D40")
+
+    assert target.waveforms.window.band == (3.0, row.carried)
+    assert 12.0 < row.carried < 14.0
+    assert "from 3 to 13.1 Hz and not to 25; edges of" in finding.text
+    assert finding.numbers == {"carried": row.carried, "asked": 25.0}
+    varied = with_values(target.projects[0], PARAMETERS, TRUTH)
+    assert varied.compared_band == (3.0, row.carried)
+
+
+def test_a_mesh_that_carries_nothing_of_the_band_is_refused(tmp_path):
+    path = noisy(tmp_path)
+    path.write_text(path.read_text().replace("shear_mpa = 7200", "shear_mpa = 57.7"))
+
+    with pytest.raises(InputError, match=r"mesh carries motion up to 2.*'soil' sets that.*edges"):
+        make_target(load_project(path))

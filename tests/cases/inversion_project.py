@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
-from small_project import written
+from small_project import CARRIED, written
 
 from pyblast.back_analysis.parameters import common_time_step, simulate
 from pyblast.back_analysis.trials import Target
@@ -23,7 +23,7 @@ RMS = 2e-4  # m/s of a sample, at 256 samples a second
 
 def twin_file(folder, section="", changes=()):
     """Write a project whose record was made with its own values; return its path."""
-    path = written(folder, ("duration_s = 0.1", "duration_s = 0.4"), *changes)
+    path = written(folder, ("duration_s = 0.1", "duration_s = 0.4"), CARRIED[0], *changes)
     project = load_project(path)
     motion = simulate(project, (), [()])[0]["R1"]
     write_csv(folder / "wall.csv", replace(motion, label="R1"))
@@ -52,11 +52,11 @@ def noisy(folder, start=-0.4, rms=RMS, **keys):
     """Write a project whose record has noise from before the blast on; return its path."""
     folder.mkdir(exist_ok=True)
     path = written(
-        folder, ("duration_s = 0.1", "duration_s = 0.5\ncompare_band_hz = [3, 20]"),
+        folder, ("duration_s = 0.1", "duration_s = 0.8\ncompare_band_hz = [3, 13]"), CARRIED[0],
         ("cohesion_kpa = 20", "cohesion_kpa = 500"), ("tension_kpa = 0", "tension_kpa = 1e6"),
     )  # fmt: skip
     motion = simulate(load_project(path), (), [()])[0]["R1"]
-    made = motion.sampled(start, 1.0 / 256.0, int(256 * (0.5 - start)))
+    made = motion.sampled(start, 1.0 / 256.0, int(256 * (0.8 - start)))
     noise = rms * np.random.default_rng(3).normal(size=made.velocity.shape)
     write_csv(folder / "wall.csv", replace(made, velocity=made.velocity + noise, label="R1"))
     path.write_text(path.read_text().replace("\n[run]\n", RECORDED) + section(**keys))
