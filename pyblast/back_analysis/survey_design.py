@@ -15,7 +15,6 @@ from ..inference.records import band_functions
 from ..project.inputs import input_band
 from ..project.places import on_ground
 from ..project.project import Project, make_project
-from ..project.validity import carried_band
 from .identifiability import (
     FisherInformation,
     Sensitivities,
@@ -368,9 +367,6 @@ def survey_design_of(project, progress=None) -> SurveyDesign:
     for blast in (*blasts, *candidates):
         check_parameters(blast, parameters)
     records = [survey_records(blast, project) for blast in blasts]
-    names = sorted({name for each in records for name in each})
-    band, _ = carried_band(blasts, blasts[0].compared_band, names)
-    blasts = tuple(blast.having(compared_band=band) for blast in blasts)
     middle = np.full(len(parameters), 0.5)
     return survey_design_at(
         blasts, parameters, middle, records=records, candidates=candidates, progress=progress
