@@ -58,7 +58,8 @@ def of_damping(model):
     march = Steps(prepare(free, 12 * STEPS * dt, step=(dt, limit)), STEPS)
     took = interleaved({"1": on(1, march), "2": on(2, march)})
     return {
-        "dt_ms": 1e3 * dt, "limited_by": limit.limited_by, "added_mass": limit.added_share,
+        "dt_ms": 1e3 * dt, "limited_by": limit.limited_by,
+        "implicit": int(limit.implicit.zones.sum()),
         "undamped_dt_ms": 1e3 * limit.undamped * model.step_factor,
         "steps": int(np.ceil(MOTION / dt)),
         "seconds_a_step": [median(took[k]) / STEPS for k in "12"],

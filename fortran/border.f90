@@ -10,7 +10,7 @@ module pyblast_border
     use pyblast_batch, only : n_batch
     use pyblast_model_types, only : allocate_domain_work, boundary_arrays, contact_arrays, &
         domain_work, edge_arrays, ground_arrays, hex_arrays, joint_state, layer_arrays, layer_state, &
-        load_arrays, mesh_arrays, &
+        implicit_arrays, load_arrays, mesh_arrays, &
         model_arrays, model_state, nodal_state, node_arrays, patch_arrays, receiver_arrays, &
         zone_state
     use pyblast_boundaries, only : add_loads => load_forces, add_reactions => reaction_forces, &
@@ -31,7 +31,7 @@ contains
                        n_rows, n_memories, n_patches, n_ends, n_parts, n_contacts, n_joints, &
                        n_loads, n_histories, n_dashpots, n_fixed, n_receivers, n_total, n_steps, &
                        n_ledger, n_line, n_hex_nodes, n_packs, n_metrics, n_bricks, n_slabs_held, &
-                       n_layer_nodes, n_stretches, n_crossings, &
+                       n_layer_nodes, n_stretches, n_crossings, n_clusters, n_implicit, n_blocks, &
                        first_step, ledger_every, dt, local_damping, &
                        hex_order, n_mapped, hex_slope, hex_weight, pack_node, pack_set, &
                        pack_metric, pack_brick, n_slabs, slab_start, slab_axis, slab_stretch, &
@@ -48,6 +48,8 @@ contains
                        load_node, load_vector, load_history, load_delay, load_member, history, &
                        dashpot_node, dashpot_impedance, dashpot_inverse, &
                        fixed_node, fixed_direction, fixed_history, &
+                       cluster_start, implicit_node, column_start, block_row, block_factor, &
+                       implicit_inverse, implicit_inertia, implicit_drag, &
                        receiver_node, receiver_weight, &
                        displacement, velocity, memory, row_state, row_lost, contact_traction, &
                        contact_state, contact_stored, contact_dissipated, slab_memory, &
@@ -59,6 +61,7 @@ contains
         integer, intent(in) :: n_contacts, n_joints, n_loads, n_histories, n_dashpots, n_fixed
         integer, intent(in) :: n_receivers, n_line, n_hex_nodes, n_packs, n_metrics, n_bricks
         integer, intent(in) :: n_slabs_held, n_layer_nodes, n_stretches, n_crossings
+        integer, intent(in) :: n_clusters, n_implicit, n_blocks
         integer, intent(in) :: hex_order, n_mapped, n_slabs
         integer, intent(in) :: n_total                       !! steps that the histories cover
         integer, intent(in) :: n_steps                       !! steps of this call
@@ -110,6 +113,12 @@ contains
         real(dp), intent(in), target :: dashpot_inverse(3, 3, n_batch, n_dashpots)
         integer, intent(in), target :: fixed_node(n_fixed), fixed_history(n_batch, n_fixed)
         real(dp), intent(in), target :: fixed_direction(3, n_fixed)
+        integer, intent(in), target :: cluster_start(n_clusters + 1), implicit_node(n_implicit)
+        integer, intent(in), target :: column_start(n_implicit + 1), block_row(n_blocks)
+        real(dp), intent(in), target :: block_factor(n_batch, 9, n_blocks)
+        real(dp), intent(in), target :: implicit_inverse(n_batch, 6, n_implicit)
+        real(dp), intent(in), target :: implicit_inertia(n_batch, 6, n_implicit)
+        real(dp), intent(in), target :: implicit_drag(n_batch, 6, n_implicit)
         integer, intent(in), target :: receiver_node(n_corners, n_receivers)
         real(dp), intent(in), target :: receiver_weight(n_corners, n_receivers)
         real(dp), intent(inout), target :: displacement(n_batch, 3, n_nodes)
@@ -173,6 +182,10 @@ contains
             dashpot_node=dashpot_node, dashpot_impedance=dashpot_impedance, &
             dashpot_inverse=dashpot_inverse, fixed_node=fixed_node, &
             fixed_direction=fixed_direction, fixed_history=fixed_history)
+        model%implicit = implicit_arrays( &
+            cluster_start=cluster_start, implicit_node=implicit_node, column_start=column_start, &
+            block_row=block_row, block_factor=block_factor, implicit_inverse=implicit_inverse, &
+            implicit_inertia=implicit_inertia, implicit_drag=implicit_drag)
         model%receivers = receiver_arrays( &
             receiver_node=receiver_node, receiver_weight=receiver_weight)
         state%nodes = nodal_state(displacement=displacement, velocity=velocity, memory=memory)

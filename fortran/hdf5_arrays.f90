@@ -9,7 +9,7 @@ module pyblast_hdf5_arrays
     use pyblast_kinds, only : dp
     implicit none
     private
-    public :: close_file, create_file, create_group, open_file, read_array, write_array
+    public :: close_file, create_file, create_group, has_array, open_file, read_array, write_array
 
     integer, parameter :: most_axes = 5
 
@@ -84,6 +84,16 @@ contains
         call h5gcreate_f(file, name, group, status)
         call h5gclose_f(group, status)
     end subroutine create_group
+
+    logical function has_array(file, name)
+        !! Whether a file that could be opened holds an array.
+        integer(hid_t), intent(in) :: file
+        character(len=*), intent(in) :: name
+        integer :: status
+
+        call h5lexists_f(file, name, has_array, status)
+        has_array = has_array .and. status == 0
+    end function has_array
 
     subroutine get_lengths(file, name, rank, integers, n, message, batch_axis)
         !! Lengths, in Fortran's order, of an array of the wanted rank and kind of number.

@@ -3,8 +3,8 @@ module pyblast_model_checks
     use pyblast_kinds, only : dp, hex_width, n_joint_laws, n_joint_properties, n_joint_state, n_sums, &
         n_tet15, n_zone_laws, n_zone_properties, n_zone_state
     use pyblast_model_file, only : run_arrays
-    use pyblast_model_types, only : edge_arrays, hex_arrays, layer_arrays, layer_state, mesh_arrays, model_arrays, model_state, &
-        n_zone_packs, n_zone_parts, patch_arrays
+    use pyblast_model_types, only : edge_arrays, hex_arrays, implicit_arrays, layer_arrays, &
+        layer_state, mesh_arrays, model_arrays, model_state, n_zone_packs, n_zone_parts, patch_arrays
     use pyblast_zone_laws, only : has_memory
     implicit none
     private
@@ -31,9 +31,13 @@ contains
         call check_layer(model%layer, state%layer, size(state%zones%slab_memory), model%hexes, &
                          size(model%nodes%node_mass), size(model%contacts%contact_area), message)
         call check_node_sizes(model, run%n_steps, message)
+        if (associated(run%receiver_motion)) &
+            call require_size("'run/receiver_motion'", shape(run%receiver_motion), &
+                              [3, size(model%receivers%receiver_node, 2), run%n_steps], message)
         call check_state_sizes(model, state, message)
         call check_mesh_indices(model, message)
         call check_node_indices(model, message)
+        call check_implicit(model%implicit, size(model%nodes%node_mass), message)
         if (allocated(message)) return
         call check_domains(model%mesh, model%nodes%node_start, message)
         call check_memories(model, message)
@@ -322,6 +326,41 @@ contains
                 message = "'arrays/domain_zone_start' or 'node_start' does not cover everything"
         end associate
     end subroutine check_domains
+
+    subroutine check_implicit(zones, n_nodes, message)
+        !! A block must lie in its cluster, below its column; clusters share no node.
+        type(implicit_arrays), intent(in) :: zones
+        integer, intent(in) :: n_nodes
+        character(len=:), allocatable, intent(inout) :: message
+        integer :: c, j, used(n_nodes)
+
+        associate (n => size(zones%implicit_node), blocks => size(zones%block_row), &
+                   clusters => size(zones%cluster_start) - 1)
+            call require_size("implicit zones", [shape(zones%column_start), &
+                                                 shape(zones%block_factor), &
+                                                 shape(zones%implicit_inverse), &
+                                                 shape(zones%implicit_inertia), &
+                                                 shape(zones%implicit_drag)], &
+                              [n + 1, 1, 9, blocks, 1, 6, n, 1, 6, n, 1, 6, n], message)
+            call within("implicit_node", zones%implicit_node, 1, n_nodes, message)
+            call within("cluster_start", zones%cluster_start, 1, n + 1, message)
+            call within("column_start", zones%column_start, 1, blocks + 1, message)
+            if (allocated(message) .or. clusters == 0) return
+            used = 0
+            used(zones%implicit_node) = 1
+            if (any(zones%cluster_start(2:) < zones%cluster_start(:clusters)) &
+                .or. any(zones%column_start(2:) < zones%column_start(:n)) .or. sum(used) /= n) &
+                message = "'arrays/cluster_start', 'column_start' or 'implicit_node' does not ascend or repeats a node"
+            if (allocated(message)) return
+            do c = 1, clusters
+                do j = zones%cluster_start(c), zones%cluster_start(c + 1) - 1
+                    call within("block_row", zones%block_row(zones%column_start(j): &
+                                zones%column_start(j + 1) - 1), j + 1, &
+                                zones%cluster_start(c + 1) - 1, message)
+                end do
+            end do
+        end associate
+    end subroutine check_implicit
 
     subroutine check_memories(model, message)
         !! Zones of a law with memory must each have one.

@@ -4,7 +4,7 @@ module pyblast_model_file
     use pyblast_kinds, only : dp
     use pyblast_hdf5_arrays
     use pyblast_model_types, only : boundary_arrays, contact_arrays, edge_arrays, ground_arrays, hex_arrays, layer_arrays, &
-        load_arrays, mesh_arrays, model_arrays, model_state, node_arrays, patch_arrays, &
+        implicit_arrays, load_arrays, mesh_arrays, model_arrays, model_state, node_arrays, patch_arrays, &
         receiver_arrays
     implicit none
     private
@@ -17,6 +17,8 @@ module pyblast_model_file
         integer :: ledger_every                                  !! steps between lines of energies
         real(dp), contiguous, pointer :: motion(:, :, :, :)
             !! (1, 3, n_receivers, n_steps) [m/s]
+        real(dp), contiguous, pointer :: receiver_motion(:, :, :) => null()
+            !! of injected sources, added to what is recorded (3, n_receivers, n_steps) [m/s]
         real(dp), contiguous, pointer :: energy(:, :, :)         !! (n_energies, 1, n_lines) [J]
     end type run_arrays
 
@@ -49,8 +51,13 @@ contains
         call read_contacts(file, model%contacts, message)
         call read_loads(file, model%loads, message)
         call read_boundaries(file, model%boundaries, message)
+        call read_implicit(file, model%implicit, message)
         call read_receivers(file, model%receivers, message)
         call read_state(file, state, message)
+        if (.not. allocated(message)) then
+            if (has_array(file, "run/receiver_motion")) &
+                call read_array(file, "run/receiver_motion", run%receiver_motion, message)
+        end if
         call close_file(file, "arrays of the model are still open", message)
     end subroutine read_model
 
@@ -195,6 +202,21 @@ contains
         call read_array(file, "arrays/fixed_direction", boundaries%fixed_direction, message)
         call read_array(file, "arrays/fixed_history", boundaries%fixed_history, message, 1)
     end subroutine read_boundaries
+
+    subroutine read_implicit(file, zones, message)
+        integer(hid_t), intent(in) :: file
+        type(implicit_arrays), intent(inout) :: zones
+        character(len=:), allocatable, intent(inout) :: message
+
+        call read_array(file, "arrays/cluster_start", zones%cluster_start, message)
+        call read_array(file, "arrays/implicit_node", zones%implicit_node, message)
+        call read_array(file, "arrays/column_start", zones%column_start, message)
+        call read_array(file, "arrays/block_row", zones%block_row, message)
+        call read_array(file, "arrays/block_factor", zones%block_factor, message, 1)
+        call read_array(file, "arrays/implicit_inverse", zones%implicit_inverse, message, 1)
+        call read_array(file, "arrays/implicit_inertia", zones%implicit_inertia, message, 1)
+        call read_array(file, "arrays/implicit_drag", zones%implicit_drag, message, 1)
+    end subroutine read_implicit
 
     subroutine read_receivers(file, receivers, message)
         integer(hid_t), intent(in) :: file

@@ -7,7 +7,7 @@ module pyblast_model_types
     use pyblast_batch, only : n_batch
     implicit none
     private
-    public :: allocate_domain_work, n_zone_packs, n_zone_parts
+    public :: allocate_domain_work, n_clusters, n_zone_packs, n_zone_parts
 
     type, public :: mesh_arrays
         !! Zones, and the domains that hold them: neighbouring zones of one set with slots for the
@@ -156,6 +156,22 @@ module pyblast_model_types
                                                                  !! (n_batch, n_fixed)
     end type boundary_arrays
 
+    type, public :: implicit_arrays
+        !! Implicit zones: nodes cluster by cluster, and the factors of their matrix; theory.md (2.53).
+        integer, contiguous, pointer :: cluster_start(:)         !! (n_clusters + 1); one node: none
+        integer, contiguous, pointer :: implicit_node(:)         !! (n_implicit)
+        integer, contiguous, pointer :: column_start(:)          !! blocks of L (n_implicit + 1)
+        integer, contiguous, pointer :: block_row(:)             !! below the diagonal (n_blocks)
+        real(dp), contiguous, pointer :: block_factor(:, :, :)   !! of L, column by column
+                                                                 !! (n_batch, 9, n_blocks)
+        real(dp), contiguous, pointer :: implicit_inverse(:, :, :)
+            !! of B, xx yy zz yz zx xy (n_batch, 6, n_implicit) [1/kg]
+        real(dp), contiguous, pointer :: implicit_inertia(:, :, :)
+            !! D = m (1 + alpha dt/2) I + Z dt/2 (n_batch, 6, n_implicit) [kg]
+        real(dp), contiguous, pointer :: implicit_drag(:, :, :)
+            !! R = m alpha I + Z (n_batch, 6, n_implicit) [N s/m]
+    end type implicit_arrays
+
     type, public :: receiver_arrays
         !! Points inside zones whose motion is recorded.
         integer, contiguous, pointer :: receiver_node(:, :)      !! (n_corners, n_receivers)
@@ -177,6 +193,7 @@ module pyblast_model_types
         type(contact_arrays) :: contacts
         type(load_arrays) :: loads
         type(boundary_arrays) :: boundaries
+        type(implicit_arrays) :: implicit
         type(receiver_arrays) :: receivers
     end type model_arrays
 
@@ -242,6 +259,13 @@ module pyblast_model_types
         integer, allocatable :: first_pack(:)                    !! (n_domains + 1)
     end type domain_work
 
+    type, public :: implicit_work
+        !! What implicit zones need within a step.
+        real(dp), allocatable :: solution(:, :, :)
+            !! acceleration, then the velocity before the step (n_batch, 3, n_implicit)
+        real(dp), allocatable :: cluster_energy(:, :)            !! (n_batch, n_clusters) [J]
+    end type implicit_work
+
     type, public :: nodal_work
         !! Forces of a step, and the sums of energy over blocks of nodes.
         real(dp), allocatable :: force(:, :, :)                  !! (n_batch, 3, n_nodes) [N]
@@ -253,6 +277,7 @@ module pyblast_model_types
         real(dp), allocatable :: load_amplitude(:)               !! (n_loads)
         real(dp), allocatable :: step_over_mass(:, :, :)         !! dt/m of each component
                                                                  !! (n_batch, 3, n_nodes) [s/kg]
+        type(implicit_work) :: implicit
     end type nodal_work
 
 contains
@@ -265,6 +290,14 @@ contains
         n_parts = size(model%mesh%slot_node)
         if (model%hexes%order > 0) n_parts = size(model%hexes%pack_node)
     end function n_zone_parts
+
+    pure function n_clusters(zones) result(n)
+        !! Clusters of implicit zones.
+        type(implicit_arrays), intent(in) :: zones
+        integer :: n
+
+        n = size(zones%cluster_start) - 1
+    end function n_clusters
 
     pure function n_zone_packs(mesh, d) result(n_packs)
         !! Packs of hex_width that the zones of domain d fill, the last in part.

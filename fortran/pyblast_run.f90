@@ -31,6 +31,8 @@ program pyblast_run
         write (error_unit, '(a)') "pyblast-run: " // message
         stop 1, quiet=.true.
     end if
+    if (associated(run%receiver_motion)) &
+        run%motion(1, :, :, :) = run%motion(1, :, :, :) + run%receiver_motion
     call write_result(result_path // ".part", state, run, message)
     if (.not. allocated(message)) call put_in_place()
     if (allocated(message)) call fail(message)

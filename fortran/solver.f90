@@ -6,7 +6,8 @@ module pyblast_solver
     use pyblast_kinds, only : dp, n_energies
     use pyblast_batch, only : n_batch
     use pyblast_model_types, only : allocate_domain_work, domain_work, model_arrays, model_state, &
-        n_zone_parts, nodal_work
+        n_clusters, n_zone_parts, nodal_work
+    use pyblast_implicit_zones, only : add_implicit_energy, implicit_forces
     use pyblast_internal_forces, only : zone_forces
     use pyblast_absorbing_layer, only : add_layer_forces, update_layer
     use pyblast_contacts, only : contact_forces
@@ -132,6 +133,8 @@ contains
                 nodal%layer_velocity, before(1, 4))
             call load_forces(model%loads, step, n_nodes, v, nodal%load_amplitude, nodal%force, &
                              before(:, 3))
+            if (n_clusters(model%implicit) > 0) call implicit_forces( &
+                model%implicit, n_nodes, v, with_energy, nodal%force, nodal%implicit)
             call viscous_forces(model%boundaries, model%nodes, dt, n_nodes, v, nodal%force, &
                                 before(:, 2), after(:, 2))
             call reaction_forces(model%boundaries, model%nodes, dt, model%loads%history(:, step), &
@@ -143,6 +146,8 @@ contains
                 model%contacts%contact_area, model%contacts%contact_initial, &
                 state%nodes%displacement)
             call move_nodes(model%nodes, dt, model%local_damping, with_energy, state%nodes, nodal)
+            if (with_energy .and. n_clusters(model%implicit) > 0) call add_implicit_energy( &
+                model%implicit, n_nodes, v, nodal%implicit, nodal%block_energy(:, 1, 1))
             if (model%layer%n_slabs > 0) call update_layer(model%layer, dt, n_nodes, v, &
                                                            nodal%layer_velocity, state%layer)
             call load_power(model%loads, n_nodes, v, nodal%load_amplitude, after(:, 3))
@@ -170,6 +175,8 @@ contains
         allocate (work%load_amplitude(size(model%loads%load_node)))
         if (model%layer%n_slabs > 0) &
             allocate (work%layer_velocity(3, size(model%layer%layer_node)))
+        allocate (work%implicit%solution(n_batch, 3, size(model%implicit%implicit_node)))
+        allocate (work%implicit%cluster_energy(n_batch, n_clusters(model%implicit)))
         allocate (work%step_over_mass(n_batch, 3, n_nodes))
         work%step_over_mass = spread(model%dt/model%nodes%node_mass, 2, 3)
     end subroutine allocate_nodal_work

@@ -54,7 +54,8 @@ BATCH_AXIS = {
         (
             "displacement", "velocity", "memory", "node_mass", "node_alpha", "node_load",
             "fixed_history", "set_beta", "set_branch", "contact_stored", "contact_dissipated",
-            "row_lost", "joint_law", "motion",
+            "row_lost", "joint_law", "motion", "block_factor", "implicit_inverse",
+            "implicit_inertia", "implicit_drag",
         ),
         -1,
     ),

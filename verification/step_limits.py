@@ -9,6 +9,8 @@ from pyblast import core
 from pyblast.errors import SolverError
 from pyblast.model.joint import Joint
 from pyblast.model.material import PLASTIC, Elastic
+from pyblast.solver.assembly import time_step
+from pyblast.solver.implicit_zones import Implicit
 from pyblast.solver.preparation import prepare
 from pyblast.solver.run import simulate
 
@@ -31,13 +33,21 @@ def elastic(model):
     return replace(model, materials=materials, joints=joints, insitu=None, sources=())
 
 
+def explicit(model, duration=1e-3):
+    """Return a `Prepared` with the step that the smallest zone allows, and nothing implicit."""
+    dt, limit = time_step(model)
+    none = Implicit(*(np.zeros_like(part) for part in vars(limit.implicit).values()))
+    bare = replace(limit, implicit=none, dt=limit.explicit)
+    return prepare(model, duration, step=(dt * limit.explicit / limit.dt, bare))
+
+
 def true_limit(prepared, dt=None):
     """Return the longest stable step of a linear model without lagged damping, s.
 
     Parameters
     ----------
     prepared : Prepared
-        Of a linear model, such as `elastic` returns.
+        Of a linear model, such as `elastic` returns, with nothing implicit.
     dt : float, s
         Where to begin; that of the model by default.
 
@@ -66,7 +76,7 @@ def true_limit(prepared, dt=None):
 
 def largest_root(model, dt):
     """Return the largest eigenvalue of the march from step to step, one unit state at a time."""
-    prepared = prepare(model, 1e-3)
+    prepared = explicit(model)
     views = core.to_fortran({**prepared.constants, "dt": dt})
     names, columns = ("displacement", "velocity", "memory"), []
     for name in names:
@@ -79,8 +89,8 @@ def largest_root(model, dt):
 
 
 def lasts(model, dt, n_steps=4000):
-    """Tell whether a full run from random velocities at a step of dt lasts and calms down."""
-    prepared = prepare(model, 1e-3)
+    """Tell whether an explicit run from random velocities lasts and calms down at a step of dt."""
+    prepared = explicit(model)
     velocity = np.random.default_rng(0).normal(size=prepared.state["velocity"].shape)
     constants = {**prepared.constants, "dt": dt, "history": np.zeros((n_steps, 1))}
     state = {**prepared.state, "velocity": velocity}

@@ -75,7 +75,7 @@ def posed(mesh):
         [(mesh.points[:, k] < 1e-6) | (mesh.points[:, k] > SIZE[k] - 1e-6) for k in range(3)],
         axis=1,
     )
-    model = Model(mesh, {"rock": ROCK}, added_mass=0.0)
+    model = Model(mesh, {"rock": ROCK})
     dt, _ = time_step(model)
     n_steps = round(DURATION / dt)
     dt = DURATION / n_steps
@@ -107,7 +107,7 @@ class Own:
         pulse = TimeFunction(problem["samples"], self.dt)
         source = mesh.points[problem["source"]]
         self.model = Model(
-            mesh, {"rock": ROCK}, boundaries=[Roller(side) for side in SIDES], added_mass=0.0,
+            mesh, {"rock": ROCK}, boundaries=[Roller(side) for side in SIDES],
             sources=[PointForce(source, FORCE, pulse)],
             receivers=[Receiver(f"R{k}", tuple(place)) for k, place in enumerate(places)],
         )  # fmt: skip

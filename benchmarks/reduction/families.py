@@ -158,9 +158,8 @@ class Family:
     base : Model
     ranges : Ranges
     step : tuple of float and CriticalStep
-        Time step in s, and the limit with the added mass.
+        Time step in s, and the limit behind it.
     mass : (n_nodes,) float64, kg
-        Including added mass.
     n_steps : int
     highest : float, Hz
         Highest frequency of the motion.

@@ -13,7 +13,7 @@ from ..inference.records import band_functions
 from ..project.checks_ground import near_source
 from ..project.places import source_names
 from ..signals.comparison import in_common
-from ..solver.moment_density import near_receivers
+from ..solver.injection import near_receivers
 from .parameters import chosen_records, fitted_blasts
 from .waveforms import window_of
 

@@ -285,7 +285,8 @@ def _run_observed(model, prepared, every, observe, progress):
         observe(state)
         if progress is not None:
             progress("dynamic", step, total)
-    return collect(model, prepared, np.concatenate(motion), np.concatenate(energy), state, 0.0, {})
+    whole = prepared.whole(np.concatenate(motion))
+    return collect(model, prepared, whole, np.concatenate(energy), state, 0.0, {})
 
 
 def _strengths(joints, constants):

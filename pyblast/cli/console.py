@@ -170,12 +170,12 @@ def _table(*heads: str) -> Table:
 def show_model_summary(summary: "ModelSummary") -> None:
     """Print counts, sizes, frequencies, time step and cost of a model."""
     table = _table(
-        "material", "zones", "volume m3", "mass t", "edge m", "quality", "carries Hz", "added %"
+        "material", "zones", "volume m3", "mass t", "edge m", "quality", "carries Hz", "implicit"
     )
     for g in summary.groups:
         table.add_row(
             g.name, f"{g.zones}", f"{g.volume:.4g}", f"{1e-3 * g.mass:.4g}", f"{g.mean_edge:.3g}",
-            f"{g.smallest_quality:.2f}", f"{g.highest_frequency:.3g}", f"{100 * g.added_share:.2g}",
+            f"{g.smallest_quality:.2f}", f"{g.highest_frequency:.3g}", f"{g.implicit}",
         )  # fmt: skip
     _out.print(table)
     say(
@@ -184,8 +184,8 @@ def show_model_summary(summary: "ModelSummary") -> None:
         f"{summary.blocks} blocks; memory about {summary.memory / 2**20:.0f} MB"
     )
     say(
-        f"time step {1e3 * summary.dt:.3g} ms, limited by {summary.limited_by}; added mass "
-        f"{100 * summary.added_mass:.2g} %; {summary.steps} steps"
+        f"time step {1e3 * summary.dt:.3g} ms, limited by {summary.limited_by}; "
+        f"{summary.steps} steps"
     )
     if summary.seconds is not None:
         say(f"estimated time {summary.seconds:.0f} s, without the initial stress")

@@ -299,12 +299,19 @@ class RunConfig(Section):
     """Run: duration, time step, snapshots, comparison."""
 
     duration_s: Positive
-    added_mass: Annotated[float, Field(ge=0.0, le=0.1)] = 0.0025
     step_factor: Annotated[float, Field(gt=0.0, le=1.0)] | None = None
     local_damping: Annotated[float, Field(ge=0.0, lt=1.0)] = 0.0
     snapshots_s: list[NotNegative] = Field([])
     compare_band_hz: Band | None = None
     limit_curves: list[Curve] = Field([])
+
+    @model_validator(mode="before")
+    @classmethod
+    def _no_added_mass(cls, given):
+        """Refuse a key of earlier versions."""
+        if isinstance(given, dict) and "added_mass" in given:
+            raise ValueError("added_mass: small zones are implicit now and take no mass; remove it")
+        return given
 
     @model_validator(mode="after")
     def _snapshots_within(self):

@@ -80,7 +80,7 @@ def case_of(project: Project, blasts=None) -> Case:
     receivers = tuple(r.name for r in project.receivers if r.name in recorded)
     if not receivers:
         raise InputError("case: none of the receivers has a record")
-    far = [set(resolved_receivers(project.of(name), receivers)) for name in names]
+    far = [set(resolved_receivers(project.of(name), receivers, injected=False)) for name in names]
     near = tuple(name for name in receivers if not all(name in each for each in far))
     receivers = tuple(name for name in receivers if name not in near)
     if not receivers:

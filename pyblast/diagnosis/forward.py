@@ -200,7 +200,8 @@ class Forward:
             described = [part for each in every for part in each.config.receivers]
             parts["receivers"] = placed_again(own.receivers, described, mesh)
         model = replace(own, given=parts | {"mesh": mesh} | given).model
-        return replace(model, single=is_single(model))
+        # As stored responses of holes, so that all motion of a case is of one kind.
+        return replace(model, single=is_single(model), injected=False)
 
     def _suited(self, project):
         """Return a project with zones that its ground allows, and finer ones if that is wanted."""

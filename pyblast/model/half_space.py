@@ -50,23 +50,34 @@ def explosion(
     frequencies (Bouchon 1981); theory.md (5.19) to (5.22).
     """
     distances, depths = (np.atleast_1d(a).astype(float) for a in (distances, depths))
-    below = depths - (depth or 0.0)
-    velocity = _direct(rate, distances, below, np.asarray(times, dtype=float), rock)
+    below, times = depths - (depth or 0.0), np.asarray(times, dtype=float)
+    away, below = np.broadcast_arrays(distances[:, None], below)
+    velocity = direct_wave(rate, away, below, times, rock)
     if depth is not None:
-        velocity += _reflected(rate, depth, distances, depths, np.asarray(times, float), rock)
+        velocity += reflected_waves(rate, depth, distances, depths, times, rock)
     return velocity
 
 
-def _direct(rate, distances, below, times, rock):
-    """Return the velocity (n_distances, n_depths, n, 2) in unbounded rock; theory.md (5.19)."""
-    path = np.hypot(distances[:, None], below)
+def direct_wave(
+    rate: TimeFunction,
+    distances: np.ndarray,
+    below: np.ndarray,
+    times: np.ndarray,
+    rock: Material,
+) -> np.ndarray:
+    """Return the velocity (..., n, 2) of `explosion` in unbounded rock; theory.md (5.19).
+
+    At points some horizontal distances (...) in m away and (...) in m below the source, at times
+    (n,) in s.
+    """
+    path = np.hypot(distances, below)
     late = times - path[..., None] / rock.cp
     step = 0.25 * rate.dt
     slope = (_at(rate, late + step) - _at(rate, late - step)) / (2.0 * step)
     size = 4.0 * np.pi * rock.density * rock.cp**2
     radial = _at(rate, late) / path[..., None] ** 2 + slope / (path[..., None] * rock.cp)
-    ray = np.stack([np.broadcast_to(distances[:, None], path.shape), -below + 0.0 * path], axis=-1)
-    return radial[..., None] / size * (ray / path[..., None])[:, :, None]
+    ray = np.stack([distances, -below], axis=-1) / path[..., None]
+    return radial[..., None] / size * ray[..., None, :]
 
 
 def _at(function: Callable, times):
@@ -74,8 +85,15 @@ def _at(function: Callable, times):
     return function(times.ravel()).reshape(times.shape)
 
 
-def _reflected(rate, depth, distances, depths, times, rock):
-    """Return what the surface adds to the velocity; theory.md (5.20) to (5.22)."""
+def reflected_waves(
+    rate: TimeFunction,
+    depth: float,
+    distances: np.ndarray,
+    depths: np.ndarray,
+    times: np.ndarray,
+    rock: Material,
+) -> np.ndarray:
+    """Return what the surface adds to `explosion`, with the same arguments; (5.20) to (5.22)."""
     start = float(times.min())
     steps = np.ceil(WINDOW * (float(times.max()) - start) / rate.dt)
     window = rate.dt * (steps + 1.0)

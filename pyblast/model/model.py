@@ -122,14 +122,14 @@ class Model:
         Fields of factors on the wave speeds.
     insitu : InSitu, optional
         In-situ stress; a static stage then precedes the dynamic one.
-    added_mass : float
-        Largest fraction of the mass of each material that may be added to zones with a small
-        critical time step (selective mass scaling).
     step_factor : float
         Time step over the critical one.
     quadratic : bool
         Tetrahedra of 15 nodes instead of 4, which need 2 to 3 edges per wavelength instead of 10.
         Linear isotropic ground only, joints of any law; theory.md (2.33) to (2.38).
+    injected : bool
+        Whether explosions enter as the field of a half-space at the boundary of a patch of
+        elements around them; theory.md (5.23). Only in hexahedra, see `solver.injection.patch_of`.
     single : bool
         Single precision: a third faster, accurate to about 1e-4 of the peak motion.
     local_damping : float
@@ -161,11 +161,11 @@ class Model:
     sponge: SpongeLayer | None = None
     ground: tuple[GroundField, ...] = ()
     insitu: InSitu | None = None
-    added_mass: float = 0.0025
     step_factor: float = 0.8
     local_damping: float = 0.0
     quadratic: bool = False
     single: bool = False
+    injected: bool = False
     _ordered: bool = field(default=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -179,8 +179,6 @@ class Model:
             raise InputError("receivers: two receivers have the same name; rename one")
         if not 0.0 < self.step_factor <= 1.0:
             raise InputError(f"step_factor: must lie in 0 to 1, got {self.step_factor:g}")
-        if not 0.0 <= self.added_mass <= 0.1:
-            raise InputError(f"added_mass: must lie in 0 to 0.1, got {self.added_mass:g}")
         if not 0.0 <= self.local_damping < 1.0:
             raise InputError(f"local_damping: must lie in 0 to 1, got {self.local_damping:g}")
         if not self._ordered:

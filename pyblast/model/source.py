@@ -10,6 +10,8 @@ from ..errors import InputError
 from ..units import check_angle
 from .material import Material
 
+ISOTROPIC = 1e-9  # largest deviation from the mean of an isotropic tensor
+
 
 @dataclass(frozen=True, eq=False)
 class TimeFunction:
@@ -159,6 +161,15 @@ class MomentTensor:
             raise InputError("moment tensor: must be symmetric, or it would exert a torque")
         object.__setattr__(self, "tensor", tensor)
         _check_radius("moment tensor", self.spread)
+
+
+def isotropic_moment(source: Hole | MomentTensor) -> float:
+    """Return the factor on the moment rate of an isotropic source, 0 for any other tensor."""
+    if isinstance(source, Hole):
+        return source.charge**source.exponent
+    mean = float(np.trace(source.tensor)) / 3.0
+    rest = np.abs(source.tensor - mean * np.eye(3)).max()
+    return mean if rest <= ISOTROPIC * abs(mean) else 0.0
 
 
 def _check_radius(name, spread):

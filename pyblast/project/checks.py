@@ -13,7 +13,7 @@ from ..mesh.mesh import edge_lengths, surface_zones
 from ..model.boundary import Roller, Viscous
 from ..signals.spectra import highest_frequency
 from ..solver.initial_stress import joint_pressures
-from ..solver.moment_density import near_receivers
+from ..solver.injection import near_receivers, refusal
 from ..units import plain_number
 from . import checks_ground
 from .checks_ground import ModelSummary, boundary_defects, summarise_model
@@ -149,7 +149,9 @@ def _mesh_defects(project, summary):
             project.model.edges_per_wavelength,
         )  # fmt: skip
     names = source_names(project.model.sources, project.blast)
-    yield checks_ground.near_source(near_receivers(project.model), names)
+    rows = near_receivers(project.model)
+    obstacle = refusal(project.model, project.duration) if rows else ""
+    yield checks_ground.near_source(rows, names, obstacle)
     points = project.mesh.points
     rocks = _stiff(project, summary)
     yield checks_ground.short_model(float(np.ptp(points[:, 0])), rocks, centre)

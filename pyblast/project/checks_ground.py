@@ -340,7 +340,7 @@ TRIAL_STEPS = 40
 
 @dataclass(frozen=True)
 class MaterialSummary:
-    """Summary of one material in the mesh: counts, sizes, share of added mass; SI."""
+    """Summary of one material in the mesh: counts, sizes, implicit zones; SI."""
 
     name: str
     zones: int
@@ -349,7 +349,7 @@ class MaterialSummary:
     mean_edge: float
     smallest_quality: float
     highest_frequency: float
-    added_share: float
+    implicit: int
 
 
 @dataclass(frozen=True)
@@ -370,8 +370,8 @@ class ModelSummary:
     dt, undamped_dt : float, s
         Time step, and the critical one without stiffness damping.
     limited_by : str
-    added_mass : float
-        Share of the mass that selective mass scaling adds.
+    implicit : int
+        Zones too small for the time step, which are taken implicitly.
     steps : int
     memory : float, bytes
     seconds : float or None
@@ -389,7 +389,7 @@ class ModelSummary:
     dt: float
     undamped_dt: float
     limited_by: str
-    added_mass: float
+    implicit: int
     steps: int
     memory: float
     seconds: float | None
@@ -411,7 +411,7 @@ def summarise_model(project, measure=False) -> ModelSummary:
     blocks = count_blocks(model.mesh, ("top", *project.config.boundaries.free))
     return ModelSummary(
         elements=elements_of(project),
-        groups=_groups(model, mass, limit.added_share),
+        groups=_groups(model, mass, limit.implicit.zones),
         zones=len(model.mesh.zones),
         nodes=len(model.nodes.points),
         contacts=len(geometry["contact_area"]),
@@ -421,14 +421,14 @@ def summarise_model(project, measure=False) -> ModelSummary:
         dt=float(geometry["dt"]),
         undamped_dt=limit.undamped,
         limited_by=limit.limited_by,
-        added_mass=float(limit.added_mass.sum() / mass.sum()),
+        implicit=int(limit.implicit.zones.sum()),
         steps=n_steps,
         memory=run_bytes(model, n_steps * (1 + len(model.receivers))),
         seconds=_measured(model, float(geometry["dt"]), n_steps) if measure else None,
     )
 
 
-def _groups(model, mass, added_share):
+def _groups(model, mass, implicit):
     """Summarise each material."""
     mesh = model.mesh
     edges = model.mean_edges()
@@ -447,7 +447,7 @@ def _groups(model, mass, added_share):
                     float(edges[name]),
                     float(worst[mine].min()),
                     carried_frequency(material.cs, float(edges[name]), model.edges_per_wavelength),
-                    float(added_share[name]),
+                    int(implicit[mine].sum()),
                 )
             )
     return tuple(summaries)
@@ -501,7 +501,7 @@ def _mean_normal(mesh, surface):
     return area @ normal / np.linalg.norm(area @ normal)
 
 
-def near_source(rows, names):
+def near_source(rows, names, obstacle=""):
     """D38: receivers so near to a source that the mesh makes an error; None where there is none.
 
     Parameters
@@ -509,6 +509,8 @@ def near_source(rows, names):
     rows : sequence of NearReceiver
     names : sequence of str
         Of all sources of the model.
+    obstacle : str
+        Why sources are not injected.
     """
     if not rows:
         return None
@@ -529,6 +531,7 @@ def near_source(rows, names):
     return Finding(
         "D38",
         "Receivers stand near a source",
-        f"{'; '.join(texts)}{rest}. Inside of the sphere of a source motion is too small.{count}",
+        f"{'; '.join(texts)}{rest}. Inside of the sphere of a source motion is too small.{count}"
+        + (f" Not injected: {obstacle}." if obstacle else ""),
         numbers={"error": max(row.error for row in rows), "untrusted": float(untrusted)},
     )

@@ -13,7 +13,8 @@ from ..mesh.hexahedra import face_shapes, face_slopes
 from ..mesh.mesh import locate, surface_zones
 from ..model.model import Model, Receiver, SpongeLayer
 from ..model.source import AirBlast, Column, Hole, MomentTensor, PointForce, Pressure, TimeFunction
-from ..solver.moment_density import near_receivers
+from ..solver.injection import near_receivers
+from ..solver.moment_density import near_sources
 
 SHALLOWEST = 0.5  # m, depth of a charge at least
 KIND_NAMES = {"PointForce": "force", "MomentTensor": "moment tensor"}
@@ -275,15 +276,23 @@ def hole_positions(blast):
     return dict(zip(names, blast.centres, strict=True))
 
 
-def resolved_receivers(project, names) -> tuple[str, ...]:
+def resolved_receivers(project, names, injected=True) -> tuple[str, ...]:
     """Return those of named receivers that stand far enough from the sources of a project.
+
+    Parameters
+    ----------
+    project : Project
+    names : sequence of str
+    injected : bool
+        Whether motion is that of a run, which may inject its sources, or of stored responses.
 
     Raises
     ------
     InputError
         If there are receivers, and none does.
     """
-    near = {row.receiver: row for row in near_receivers(project.model) if not row.trusted}
+    rows = near_receivers(project.model) if injected else near_sources(project.model)
+    near = {row.receiver: row for row in rows if not row.trusted}
     chosen = tuple(name for name in names if name not in near)
     if names and not chosen:
         row = min((near[name] for name in names), key=lambda row: row.error)

@@ -23,6 +23,7 @@ from ..readers.provenance import ReadLog
 from ..recordings.recording import Recording
 from ..signals.seismogram import Seismogram
 from ..solver.initial_stress import joint_pressures
+from ..solver.injection import with_injection
 from .elastic_ground import ElasticGround, elastic_ground, with_elastic_ground
 from .elements import Ground, longest_path, make_ground, needs_of, survey_positions
 from .ground import (
@@ -372,7 +373,6 @@ class Project:
                 damping=make_damping(config),
                 ground=(*make_fields(config.ground, self.blast, mesh), *self.fields),
                 insitu=make_insitu(config.insitu),
-                added_mass=config.run.added_mass,
                 step_factor=config.run.step_factor or STEP_FACTOR[mesh.hexahedral],
                 local_damping=config.run.local_damping,
                 quadratic=config.mesh.quadratic,
@@ -381,6 +381,7 @@ class Project:
                 sponge=layer,
             )
             model = with_elastic_ground(model, elastic_ground(model, self.core))
+            model = with_injection(model, self.duration)
             if not config.boundaries.jointed_faces:
                 return model
             pressures = joint_pressures(model)  # joints that close are stiffer under them

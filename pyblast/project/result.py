@@ -16,8 +16,9 @@ from ..model.source import Column, Hole, MomentTensor, PointForce
 from ..recordings.tables import LOW_PASSED, instrument_table
 from ..signals.seismogram import Named, Seismogram, html_table
 from ..signals.spectra import dominant_frequency, significant_duration, zero_crossing_frequency
+from ..solver.injection import injected_sources, near_receivers
 from ..solver.model_file import read_arrays, write_arrays
-from ..solver.moment_density import near_receivers, source_radii
+from ..solver.moment_density import source_radii
 from ..solver.preparation import versions
 from ..units import plain_number
 from . import level
@@ -272,7 +273,6 @@ def summarise(project, checked, run, simulated, comparisons):
             "balance_error": run.balance_error,
             "limited_by": run.prepared.limit.limited_by,
             "static": run.prepared.static,
-            "added_mass": checked.summary.added_mass,
         },
         "energy": {
             n: float(v[-1]) for n, v in run.energy.items() if n not in ("time", "unbalanced")
@@ -383,6 +383,7 @@ def source_summary(project):
         "level": config and level.level_rank(project),
         "exponent": holes[0].exponent if holes else None,
         "radius": source_radii(project.model),
+        "injected": len(injected_sources(project.model)),
         "core_m": None if ground is None else float(ground.radius.max()),
         "detonation": config and config.detonation_m_per_s,
         "forces": [

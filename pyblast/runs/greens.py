@@ -363,7 +363,7 @@ def greens_functions(
     if side not in (None, "source", "receiver"):
         raise InputError(f'side: must be "source" or "receiver", got {side!r}')
     units = tuple(unit_source(source) for source in _places(model.sources, within))
-    unloaded = replace(model, sources=units, insitu=None)
+    unloaded = replace(model, sources=units, insitu=None, injected=False)
     parts = _parts(unloaded)
     chosen, summary = _choose(side, units, len(parts), model.receivers)
     checked = _check_no_slip(model, duration, folder)

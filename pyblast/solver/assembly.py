@@ -36,7 +36,15 @@ from .hexahedra import (
     no_packs,
     pack_arrays,
 )
-from .loads import Loads, dynamic_conditions, model_loads, no_conditions, surface_impedance
+from .implicit_zones import explicit_product, moved_nodes, no_implicit_zones
+from .loads import (
+    Loads,
+    dynamic_conditions,
+    joined_loads,
+    model_loads,
+    no_conditions,
+    surface_impedance,
+)
 from .time_step import CriticalStep, Product, assembled_step, critical_step
 
 Step = tuple[float, CriticalStep]  # time step in s, and the limit behind it
@@ -169,7 +177,9 @@ def time_step(model: Model) -> Step:
     else:
         limit = critical_step(model)
         if model.quadratic:
-            limit = assembled_step(model, limit, mass, partial(zone_product, model))
+            mass = model.nodes.sums(mass)
+            product = explicit_product(model, limit.implicit, mass, zone_product)
+            limit = assembled_step(model, limit, mass, product)
     return model.step_factor * limit.dt * _local_damping_factor(model), limit
 
 
@@ -211,6 +221,7 @@ def zone_product(model: Model, mass: np.ndarray, active: np.ndarray | None = Non
         **zones,
         **zero_loads(2),
         **no_conditions(),
+        **no_implicit_zones(),
         "receiver_node": np.zeros((0, model.nodes.zone_nodes.shape[1]), dtype=np.int32),
         "receiver_weight": np.zeros((0, model.nodes.zone_nodes.shape[1])),
     }
@@ -257,13 +268,12 @@ def _ground_arrays(model, step):
     """Return the arrays that depend on mesh, materials and joints."""
     mesh, nodes = model.mesh, model.nodes
     dt, limit = step or time_step(model)
-    volume = volumes(mesh)
-    mass = model.zone_values("density") * volume
-    node_mass = nodes.sums(mass + limit.added_mass)
-    node_mass += _fill_mass(model)
+    mass = model.zone_values("density") * volumes(mesh)
+    node_mass = nodes.sums(mass) + _fill_mass(model)
     drag = nodes.sums(model.zone_damping("alpha") * mass)
     contacts = _contacts(model)
-    common = {"dt": dt, "node_mass": node_mass, "node_alpha": drag / node_mass, **contacts}
+    common = {"dt": dt, "node_mass": node_mass, "node_alpha": drag / node_mass}
+    common |= {**contacts, **no_implicit_zones()}
     if mesh.hexahedral:
         packs, member = pack_arrays(model, contacts["contact_node"])
         arrays = {**common, **zone_laws(model), **packs}
@@ -273,7 +283,7 @@ def _ground_arrays(model, step):
 
 def _ground(model, step):
     """Return what the arrays of `_ground_arrays` depend on."""
-    return replace(model, sources=(), receivers=(), boundaries=()), step
+    return replace(model, sources=(), receivers=(), boundaries=()), moved_nodes(model), step
 
 
 _shared_arrays = stored(_ground_arrays, _ground)
@@ -416,12 +426,15 @@ def dynamic_arrays(
     geometry: dict[str, Any],
     n_steps: int,
     sides: Sequence[tuple[np.ndarray, np.ndarray, TimeFunction]] = (),
+    entry: tuple[tuple[int, ...], dict[str, np.ndarray]] | None = None,
 ) -> dict[str, Any]:
     """Return loads, dashpots, prescribed motion and receivers of the dynamic stage.
 
-    ``sides`` holds (nodes, forces, TimeFunction) of free-field sides.
+    ``sides`` holds (nodes, forces, TimeFunction) of free-field sides; ``entry`` the numbers of
+    injected sources and their load arrays.
     """
-    loads = model_loads(model, lambda surface: surface_impedance(model, surface))
+    injected = () if entry is None else entry[0]
+    loads = model_loads(model, lambda surface: surface_impedance(model, surface), injected)
     for nodes, forces, history in sides:
         loads.add(nodes, forces, loads.add_history(history))
     conditions = dynamic_conditions(model, geometry, loads)
@@ -431,11 +444,12 @@ def dynamic_arrays(
     if model.receivers:
         zone, weight = locate(model.mesh, [receiver.position for receiver in model.receivers])
         node, weight = nodes.zone_nodes[zone], nodes.shapes(weight)
+    arrays = loads.arrays(geometry["dt"] * np.arange(n_steps))
     return {
         "local_damping": model.local_damping,
         "node_load": np.zeros_like(nodes.points),
         **conditions,
-        **loads.arrays(geometry["dt"] * np.arange(n_steps)),
+        **(arrays if entry is None else joined_loads(arrays, entry[1])),
         "receiver_node": node,
         "receiver_weight": weight,
     }

@@ -10,6 +10,7 @@ from ..errors import InputError
 from ..mesh import hexahedra
 from ..mesh.hexahedra import AbsorbingLayer
 from ..model.model import Model
+from .implicit_zones import Implicit, contact_pairs
 from .time_step import CriticalStep, contact_bounds, largest_eigenvalue, longest_step, with_joints
 
 REFLECTION = 1e-7  # amplitude that a wave of normal incidence would keep
@@ -187,9 +188,9 @@ def critical_step_of_hexahedra(
     part = "the shortest distance of nodes"
     if (spring / mass).max() > 0.5 * squared:
         part = "a contact of a joint"
-    zones = np.zeros(len(model.mesh.zones))
-    shares = dict.fromkeys(model.mesh.groups, 0.0)
-    return CriticalStep(dt, longest_step(squared, drag), part, zones, shares, dt)
+    sizes = (len(model.mesh.zones), len(contact_pairs(model.nodes.contacts)))
+    none = Implicit(*(np.zeros(size, dtype=bool) for size in sizes))
+    return CriticalStep(dt, longest_step(squared, drag), part, none, dt)
 
 
 def no_layer(single: bool, n_packs: int, n_line: int) -> dict[str, Any]:

@@ -13,9 +13,10 @@ from ..mesh.tetrahedra import shape_gradients
 from ..model.joint import carried_over
 from ..model.material import PLASTIC
 from ..model.model import InSitu, Model
-from .assembly import initial_state, stiffness_arrays
+from .assembly import initial_state, stiffness_arrays, zone_product
 from .hexahedra import without_layer
 from .loads import static_conditions
+from .time_step import contact_bounds, largest_eigenvalue, model_frequencies, with_joints
 
 BINS = 200
 TENSOR = np.array([[0, 5, 4], [5, 1, 3], [4, 3, 2]])
@@ -175,13 +176,29 @@ LOCAL_DAMPING = 0.8
 STATIC_STEP_FACTOR = 0.7
 
 
+def _pace(model, dt):
+    """Return the step of the static stage, and masses of nodes that let all settle at one pace.
+
+    Each node of tetrahedra has the mass that the step just allows: theory.md (4.19).
+    """
+    if model.mesh.hexahedral:
+        return {"dt": dt * min(1.0, STATIC_STEP_FACTOR / model.step_factor)}
+    nodes = model.nodes
+    own = model.zone_values("density") * volumes(model.mesh) * model_frequencies(model)
+    mass = nodes.sums(own) + 2.0 * contact_bounds(model)[0]
+    if model.quadratic:  # their frequencies are estimates
+        product = with_joints(model, zone_product(model, mass), mass)
+        mass *= largest_eigenvalue(product, mass)
+    return {"dt": dt, "node_mass": mass * (0.5 * dt / STATIC_STEP_FACTOR) ** 2}
+
+
 def static_arrays(model: Model, geometry: dict[str, Any]) -> tuple[dict[str, Any], float]:
     """Return loads, in-situ stress and supports of the static stage, and the force scale."""
     node_load, contact_initial, scale = static_loads(model, geometry)
     joint_law = geometry["joint_law"]
     flows = joint_law == JOINT_LAWS["maxwell"].number  # would never reach equilibrium
     arrays = {
-        "dt": geometry["dt"] * min(1.0, STATIC_STEP_FACTOR / model.step_factor),
+        **_pace(model, geometry["dt"]),
         "set_beta": np.zeros_like(geometry["set_beta"]),
         "set_branch": np.zeros_like(geometry["set_branch"]),
         "memory_rate": np.zeros_like(geometry["memory_rate"]),

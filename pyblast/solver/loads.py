@@ -84,7 +84,20 @@ def point_loads(node: np.ndarray, history: np.ndarray) -> dict[str, np.ndarray]:
     }
 
 
-def model_loads(model: Model, impedance: Callable[[str], dict[int, np.ndarray]]) -> Loads:
+def joined_loads(first: dict[str, np.ndarray], second: dict[str, np.ndarray]) -> dict:
+    """Return the load arrays of two sets of loads of one run."""
+    n = first["history"].shape[1]
+    later = {**second, "load_history": (second["load_history"] + n).astype(np.int32)}
+    names = (name for name in second if name != "history")
+    together = {name: np.concatenate([first[name], later[name]]) for name in names}
+    return {**first, **together, "history": np.hstack([first["history"], second["history"]])}
+
+
+def model_loads(
+    model: Model,
+    impedance: Callable[[str], dict[int, np.ndarray]],
+    injected: tuple[int, ...] = (),
+) -> Loads:
     """Collect the loads of stress inputs and sources.
 
     Parameters
@@ -92,6 +105,8 @@ def model_loads(model: Model, impedance: Callable[[str], dict[int, np.ndarray]])
     model : Model
     impedance : callable
         Surface name to dict of node to (3, 3) impedance in N s/m.
+    injected : tuple of int
+        Numbers of sources that enter otherwise.
 
     Returns
     -------
@@ -104,7 +119,9 @@ def model_loads(model: Model, impedance: Callable[[str], dict[int, np.ndarray]])
             nodes = np.fromiter(matrices, dtype=int)
             stack = np.stack(list(matrices.values())) * (2.0 if model.doubles(boundary) else 1.0)
             _add_input(loads, boundary, nodes, stack, model.nodes.points[nodes])
-    for source in model.sources:
+    for number, source in enumerate(model.sources):
+        if number in injected:
+            continue
         if isinstance(source, PlaneWave):
             add_plane_wave(loads, model, source, impedance)
         else:

@@ -171,6 +171,7 @@ def write_model(
     state: dict[str, Any],
     run: dict[str, int],
     input_hash: str,
+    added: dict[str, np.ndarray],
 ) -> None:
     """Write a model file for the program ``pyblast-run``.
 
@@ -182,9 +183,11 @@ def write_model(
     run : dict of str to int
         ``n_steps``, ``ledger_every`` and ``fingerprint``.
     input_hash : str
+    added : dict of str to numpy array
+        ``receiver_motion`` (n_steps, n_receivers, 3) in m/s of injected sources, if there are any.
     """
     steps = {name: np.int32(value) for name, value in run.items()}
-    groups = {"arrays": constants, "state": state, "run": steps}
+    groups = {"arrays": constants, "state": state, "run": steps | added}
     write_arrays(path, groups, {"kind": "model", "input_sha256": input_hash})
 
 

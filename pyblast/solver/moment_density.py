@@ -156,15 +156,21 @@ class NearReceiver:
         return (self.edge / self.edge_needed) ** 4
 
 
-def near_receivers(model: Model) -> tuple[NearReceiver, ...]:
+def near_sources(model: Model, resolved: tuple[int, ...] = ()) -> tuple[NearReceiver, ...]:
     """Return the receivers where the distance to a source makes an error above 1 %.
+
+    Parameters
+    ----------
+    model : Model
+    resolved : tuple of int
+        Numbers of sources that make none.
 
     Notes
     -----
     Inside of the sphere of a source the motion is too small, beside it the elements do not carry
     its near field: docs/decisions.md, "Moments over a sphere". By the nearest source each.
     """
-    points, numbers = _source_points(model)
+    points, numbers = _source_points(model, resolved)
     if not len(points) or not model.receivers:
         return ()
     mesh, rows = model.mesh, []
@@ -205,10 +211,12 @@ def _kind_of_error(nodes, source, zone, point, edge, local):
     return kind
 
 
-def _source_points(model):
+def _source_points(model, resolved):
     """Return the positions (n, 3) of the points of sources, and the number of their source."""
     points, numbers = [], []
     for number, source in enumerate(model.sources):
+        if number in resolved:
+            continue
         if isinstance(source, Column):
             own = source.points(FEWEST_POINTS)[0]
         elif isinstance(source, (Hole, MomentTensor, PointForce)):

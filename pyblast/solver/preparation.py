@@ -23,9 +23,11 @@ from . import assembly
 from .assembly import Step
 from .edge_springs import run_bytes
 from .free_field import side_loads
+from .implicit_zones import implicit_arrays
 from .initial_stress import after_static, can_yield, static_arrays
+from .injection import Injection, inject, injection_bytes, patch_of
 from .model_file import write_model
-from .time_step import CriticalStep
+from .time_step import CriticalStep, contact_springs
 
 
 def fingerprint(*tables: dict[str, Any]) -> str:
@@ -107,6 +109,8 @@ class Prepared:
         SHA-256 of all constants, of the state and of ``single``.
     single : bool
         Whether the run is in single precision.
+    injection : Injection or None
+        Of an injected model: what is to be added to the motion of receivers and nodes.
     """
 
     constants: dict[str, Any]
@@ -116,6 +120,13 @@ class Prepared:
     static: dict[str, Any]
     fingerprint: str
     single: bool = False
+    injection: Injection | None = None
+
+    def whole(self, motion: np.ndarray) -> np.ndarray:
+        """Return the motion (n_steps, n, 3) of receivers with the field of injected sources."""
+        if self.injection is None or not self.injection.motion.size:
+            return motion
+        return motion + self.injection.motion
 
     @property
     def short_fingerprint(self) -> int:
@@ -170,12 +181,22 @@ def prepare(
         histories = f"{recorded} and {len(sides)} histories of free-field sides"
         needed = run_bytes(model, n_samples, n_steps * len(sides))
         refuse_beyond_memory(histories, needed)
-    constants = {**geometry, **assembly.dynamic_arrays(model, geometry, n_steps, sides)}
+    injection, entry = None, None
+    if model.injected:
+        patch = patch_of(model)
+        if not isinstance(patch, str):
+            needed = run_bytes(model, n_samples) + injection_bytes(model, patch, n_steps)
+            refuse_beyond_memory(f"{recorded} and injected sources", needed)
+            injection = inject(model, patch, geometry["dt"], n_steps)
+            entry = patch.sources, injection.loads
+    constants = {**geometry, **assembly.dynamic_arrays(model, geometry, n_steps, sides, entry)}
+    springs = contact_springs(model)
+    constants |= implicit_arrays(model, constants, limit.implicit, springs, assembly.zone_product)
     state = assembly.initial_state(constants)
     if settled is not None:
         constants, state = after_static(constants, *settled)
     content = fingerprint(constants, state, {"single": model.single})
-    return Prepared(constants, state, n_steps, limit, static, content, model.single)
+    return Prepared(constants, state, n_steps, limit, static, content, model.single, injection)
 
 
 def _run_column(model, duration):
@@ -232,8 +253,10 @@ def export(prepared: Prepared, path: str | Path) -> None:
         "n_steps": prepared.n_steps, "ledger_every": LEDGER_EVERY,
         "fingerprint": prepared.short_fingerprint,
     }  # fmt: skip
-    constants = core.numbered(prepared.constants)
-    write_model(path, constants, prepared.state, steps, prepared.fingerprint)
+    constants, added = core.numbered(prepared.constants), {}
+    if prepared.injection is not None and prepared.injection.motion.size:
+        added["receiver_motion"] = prepared.injection.motion
+    write_model(path, constants, prepared.state, steps, prepared.fingerprint, added)
 
 
 def peak_interval(dt: float, frequency: float, prepared: Prepared) -> int:

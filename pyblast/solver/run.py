@@ -3,6 +3,8 @@
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import reduce
+from operator import or_
 from pathlib import Path
 from typing import Any
 
@@ -204,7 +206,19 @@ class _Integration:
     def _take_snapshot(self, stops):
         """Store a snapshot at the requested steps."""
         if self.step in stops:
-            self.snapshots[self.step] = self.state["velocity"].astype(np.float32)
+            self.snapshots[self.step] = self._velocity().astype(np.float32)
+
+    def _velocity(self):
+        """Return the whole velocity (n_nodes, 3) of the nodes, with the field of injected sources.
+
+        Velocities are those of half a step before the state.
+        """
+        velocity, injection = self.state["velocity"], self.prepared.injection
+        if injection is None or not self.step:
+            return velocity
+        whole = velocity.copy()
+        whole[injection.nodes] += injection.velocity[self.step - 1]
+        return whole
 
     def _advance(self, n_steps):
         """Integrate one chunk and store its records."""
@@ -218,7 +232,7 @@ class _Integration:
         if failed is not None:
             raise SolverError(failure(self.model, self.prepared, self.step, failed))
         if self.every is not None and self.step % self.every == 0:
-            np.maximum(self.peak, np.linalg.norm(self.state["velocity"], axis=1), out=self.peak)
+            np.maximum(self.peak, np.linalg.norm(self._velocity(), axis=1), out=self.peak)
 
     def save(self, path):
         """Write a checkpoint."""
@@ -239,7 +253,8 @@ class _Integration:
     def result(self, wall_seconds):
         """Return the result of the run."""
         run = collect(
-            self.model, self.prepared, self.motion, self.energy, self.state, wall_seconds,
+            self.model, self.prepared, self.prepared.whole(self.motion), self.energy, self.state,
+            wall_seconds,
             {step * self.dt: velocity for step, velocity in self.snapshots.items()},
         )  # fmt: skip
         return replace(run, peak_velocity=self.peak)
@@ -254,9 +269,14 @@ def collect(
     wall_seconds: float,
     snapshots: dict[float, np.ndarray],
 ) -> Run:
-    """Return the `Run` of a completed integration."""
+    """Return the `Run` of a completed integration, whose motion is whole."""
     dt = prepared.constants["dt"]
     ledger = _ledger(energy, dt)
+    injection = prepared.injection
+    if injection is not None:
+        moved = state["displacement"].copy()
+        moved[injection.nodes] += dt * injection.velocity.sum(axis=0, dtype=float)
+        state = {**state, "displacement": moved}
     return Run(
         seismograms(model, motion, dt), ledger, balance_error(ledger), dt, state, prepared,
         snapshots, versions(prepared.fingerprint), wall_seconds,
@@ -404,8 +424,9 @@ def _run_batch(models, duration, step):
     began = time.perf_counter()
     steps = [step or assembly.time_step(model) for model in models]
     shortest = min(dt for dt, _ in steps)
+    implicit = reduce(or_, [limit.implicit for _, limit in steps])
     prepared = [
-        prepare(model, duration, step=(shortest, limit))
+        prepare(model, duration, step=(shortest, replace(limit, implicit=implicit)))
         for model, (_, limit) in zip(models, steps, strict=True)
     ]
     constants, state = stacked([each.constants for each in prepared], [p.state for p in prepared])
@@ -419,8 +440,8 @@ def _run_batch(models, duration, step):
             else state[name]
             for name in each.state
         }
-        records = [np.ascontiguousarray(part[..., member]) for part in (motion, energy)]
-        runs.append(collect(model, each, records[0], records[1], last, wall, {}))
+        own, ledger = (np.ascontiguousarray(part[..., member]) for part in (motion, energy))
+        runs.append(collect(model, each, each.whole(own), ledger, last, wall, {}))
     return runs
 
 

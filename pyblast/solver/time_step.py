@@ -1,17 +1,20 @@
-"""Critical time step, largest frequency of a model, mass scaling of small tetrahedra."""
+"""Critical time step, largest frequency of a model, choice of the implicit zones."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 import scipy
 
 from ..mesh import tetrahedra
 from ..mesh.mesh import Contacts
+from ..mesh.nodes import Nodes
 from ..mesh.tetrahedra import shape_gradients
 from ..model.anisotropy import Anisotropic
 from ..model.model import Model
+from .implicit_zones import Implicit, clusters_of, contact_pairs, moved_nodes
 
 # Product of M^-1 (K + rate C) with a motion (n_nodes, 3), in 1/s2, from the motion and the rate.
 Product = Callable[..., np.ndarray]
@@ -22,15 +25,15 @@ TIGHT = 1e-3  # its relative change between the last products
 ABOVE = 1.005  # factor on the eigenvalue found, which is a lower bound
 GRID = 1.01  # ratio of the values to which it is raised, so that its last digits do not matter
 
-# Slivers reduce the step more than tenfold; deliberately fine zones shall keep their mass.
-LEAST_GAIN = 1.5  # of the time step, for mass to be added
-PLACE = 256  # consecutive zones along the curve of `renumbered`
-IN_ONE_PLACE = 20.0  # allowed multiples of ``added_mass`` in such a place
-THIN = 0.25  # smallest altitude over longest edge below which a zone is a sliver
-FEW = 64  # consecutive zones whose non-slivers are limited to FINE multiples
-FINE = 4.0
+LEAST_GAIN = 1.5  # of the cost of a run, for zones to become implicit
+RATIO = 1.1  # between the steps that are compared
+NODE_COST = 2.2  # of a node of implicit zones over that of an explicit zone, in a step
+MOST_IMPLICIT = 0.1  # fraction of the zones
+MOST_NODES = 5000  # in one cluster of implicit zones
+# Slivers reduce the step more than tenfold; zones that are small on purpose shall stay explicit.
+PLACE = 64  # consecutive zones along the curve of `renumbered`
+FINE = 2.0  # step over the median of the own steps in such a place
 QUADRATIC = 3.2  # frequency of a quadratic zone over that of constant strain; theory.md (2.38)
-CHUNK = 2**13  # zones whose shapes are computed at once
 
 
 @dataclass(frozen=True)
@@ -44,20 +47,17 @@ class CriticalStep:
         Without stiffness damping.
     limited_by : str
         The zone or contact that limits it.
-    added_mass : (n_zones,) float64, kg
-        Mass added by selective mass scaling.
-    added_share : dict of str to float
-        Added mass over mass, by group.
-    unscaled : float, s
-        Without added mass.
+    implicit : Implicit
+        Zones and contacts that would need a shorter one.
+    explicit : float, s
+        Critical time step without implicit zones.
     """
 
     dt: float
     undamped: float
     limited_by: str
-    added_mass: np.ndarray
-    added_share: dict[str, float]
-    unscaled: float
+    implicit: Implicit
+    explicit: float
 
 
 def zone_frequencies(
@@ -141,224 +141,151 @@ def critical_step(model: Model) -> CriticalStep:
     -----
     For a step T every node reserves the fraction ``phi = T^2 d / (2 m)`` of its mass for its
     contacts of stiffness d, so that no contact limits the step (Anderson & Morley 1985). The zones
-    have the remaining mass (Irons & Treharne 1971) and added mass as required. The step is the
-    longest whose added mass is within its limit in each group, within 20 times that limit in any
-    neighbourhood, 4 times for small zones that are not slivers: theory.md (2.13). No mass is added
-    if the step would grow by less than one half.
+    have the remaining mass (Irons & Treharne 1971): theory.md (2.13). The smallest zones become
+    implicit where that makes a run cheaper by a third at least: theory.md (2.53).
     """
-    mesh = model.mesh
-    density = model.zone_values("density")
-    zone = model_frequencies(model)
-    beta = model.zone_damping("beta")
-    mass = density * tetrahedra.volumes(mesh.points, mesh.zones)
-    nodes = model.nodes
-    node_mass = nodes.sums(mass)
-    stiffness, viscosity = (
-        (2.0 * part / node_mass)[nodes.zone_nodes].max(axis=1) for part in contact_bounds(model)
-    )
-
-    needs = _MassNeed(zone, beta, stiffness, viscosity)
-    search = _Search(needs, mass, _parts(mesh, mass))
-    dt = unscaled = search.longest(0.0)
-    share = model.added_mass
-    allowed = share > 0.0 and search.within(search.added(LEAST_GAIN * unscaled), share)
-    if allowed and (scaled := search.longest(share)) >= LEAST_GAIN * unscaled:
-        dt = scaled
-    else:
-        share = 0.0
-    undamped = dt
-    if beta.any():
-        undamped = replace(search, needs=replace(needs, beta=0.0 * beta)).longest(share)
-    need = needs(dt)
-    added = mass * np.maximum(0.0, need - 1.0) if share else np.zeros_like(mass)
-    limited_by = _limit(model, int(need.argmax()), share > 0.0, needs.reserved(dt))
-    part, own, _ = search.parts[0]
-    by_group = _shares(part, added, own).tolist()
-    shares = dict(zip(mesh.groups, by_group, strict=True))
-    return CriticalStep(dt, undamped, limited_by, added, shares, unscaled)
+    zone, beta, nodes = model_frequencies(model), model.zone_damping("beta"), model.tetrahedral
+    mass = model.zone_values("density") * tetrahedra.volumes(model.mesh.points, model.mesh.zones)
+    joints = 2.0 * contact_bounds(model) / nodes.sums(mass)
+    spring, viscosity = (part[nodes.zone_nodes].max(axis=1) for part in joints)
+    own = longest_step(zone + spring, viscosity + zone * beta)
+    choice = _Choice(nodes, own, longest_step(*joints), moved_nodes(model))
+    implicit = choice.cheapest(FINE * float(_typical(own).min()))
+    rest = np.flatnonzero(~implicit.zones)
+    worst = rest[own[rest].argmin()]
+    dt, undamped = own[worst], longest_step((zone + spring)[rest], viscosity[rest]).min()
+    reserved = spring[worst] * dt**2 / 4.0 + viscosity[worst] * dt / 2.0
+    limited_by = _limit(model, worst, reserved, np.count_nonzero(implicit.zones))
+    return CriticalStep(float(dt), float(undamped), limited_by, implicit, float(own.min()))
 
 
 def assembled_step(
-    model: Model, limit: CriticalStep, mass: np.ndarray, product_of: Callable[..., Product]
+    model: Model, limit: CriticalStep, mass: np.ndarray, product: Product
 ) -> CriticalStep:
     """Return the critical step of linear zones from the largest frequency of the whole model.
 
-    Parameters
-    ----------
-    model : Model
-    limit : CriticalStep
-        From single zones, with the added mass.
-    mass : (n_zones,) float64, kg
-        Without added mass.
-    product_of : callable
-        From the mass of nodes to the function that multiplies a motion with the stiffness of all
-        zones over the mass.
+    ``mass`` (n_nodes,) in kg; the product is that of all explicit zones.
 
     Notes
     -----
     Joints act with their stiffest springs and their whole viscosity. Where damping differs from
     place to place, the step is found from below: theory.md (2.48).
     """
-    beta, viscosity = model.group_damping("beta"), contact_bounds(model)[1]
-
-    def steps(added):
-        node_mass = model.nodes.sums(mass + added)
-        product = with_joints(model, product_of(node_mass), node_mass)
-        squared = largest_eigenvalue(product, node_mass)
-        drag = float((2.0 * viscosity / node_mass).max())
-        dt = longest_step(squared, drag, float(beta.max()))
-        if np.ptp(beta) > 0.0 or viscosity.any():
-            dt = damped_step(product, node_mass, dt)
-        return dt, max(dt, longest_step(squared, drag))
-
-    dt, undamped = steps(limit.added_mass)
-    unscaled = steps(0.0)[0] if limit.added_mass.any() else dt
-    return replace(limit, dt=dt, undamped=undamped, unscaled=unscaled)
+    beta, viscosity = model.group_damping("beta"), contact_bounds(model, limit.implicit)[1]
+    product = with_joints(model, product, mass, limit.implicit)
+    squared = largest_eigenvalue(product, mass)
+    drag = float((2.0 * viscosity / mass).max())
+    dt = longest_step(squared, drag, float(beta.max()))
+    if np.ptp(beta) > 0.0 or viscosity.any():
+        dt = damped_step(product, mass, dt)
+    explicit = dt * min(1.0, limit.explicit / limit.dt)
+    return replace(limit, dt=dt, undamped=max(dt, longest_step(squared, drag)), explicit=explicit)
 
 
-@dataclass(frozen=True, eq=False)
-class _MassNeed:
-    """Required over available mass of zones for a time step, (n_zones,)."""
-
-    zone: np.ndarray
-    beta: np.ndarray
-    stiffness: np.ndarray
-    viscosity: np.ndarray
-
-    def reserved(self, dt):
-        """Return the fraction of the mass of each zone that is reserved for contacts."""
-        return self.stiffness * dt**2 / 4.0 + self.viscosity * dt / 2.0
-
-    def __call__(self, dt):
-        """Return the required over the available mass; it increases with the step."""
-        free = np.maximum(1.0 - self.reserved(dt), 1e-12)
-        return self.zone * (dt**2 / 4.0 + dt * self.beta / 2.0) / free
-
-    def of(self, zones):
-        """Return the need of a subset of zones."""
-        return _MassNeed(*(part[zones] for part in vars(self).values()))
+def _typical(own):
+    """Return the median (n_zones,) of the own steps of each `PLACE` of consecutive zones."""
+    count = max(1, len(own) // PLACE)
+    part = np.minimum(np.arange(len(own)) // PLACE, count - 1)
+    order = np.lexsort((own, part))
+    first = np.searchsorted(part, np.arange(count + 1))
+    return own[order[(first[:-1] + first[1:]) // 2]][part]
 
 
 @dataclass(frozen=True, eq=False)
-class _Search:
-    """Bisection for the longest step with limited added mass in each part of a model.
+class _Choice:
+    """Choice of the implicit zones: own steps of zones (n_zones,) and of the contacts of nodes."""
 
-    ``parts`` holds the part of each zone, the mass of every part in kg, and the allowed multiple of
-    ``added_mass``.
+    nodes: Nodes
+    own: np.ndarray
+    at_nodes: np.ndarray
+    never: np.ndarray
+
+    def below(self, step):
+        """Return what is implicit at a step: zones and contacts with a shorter one."""
+        weak = self.at_nodes < step
+        return Implicit(self.own < step, weak[contact_pairs(self.nodes.contacts)].any(axis=1))
+
+    def longest(self, most):
+        """Return the longest step that leaves enough of the ground explicit."""
+        of_zones = self.own[self.never[self.nodes.zone_nodes].any(axis=1)]
+        pairs = contact_pairs(self.nodes.contacts)
+        of_contacts = self.at_nodes[pairs[self.never[pairs].any(axis=1)]]
+        limits = [of_zones.min(initial=most), of_contacts.min(initial=most)]
+        return float(min(*limits, np.quantile(self.own, MOST_IMPLICIT)))
+
+    def cheapest(self, most):
+        """Return what is implicit in the cheapest run, nothing if little is won."""
+        shortest = float(self.own.min())
+        count = max(0, int(np.log(self.longest(most) / shortest) / np.log(RATIO)))
+        steps = shortest * RATIO ** np.arange(1, count + 1)
+        cost = np.array([self.cost(step) for step in steps])
+        for choice in np.argsort(cost, kind="stable"):
+            if cost[choice] * LEAST_GAIN * shortest > len(self.own):
+                break
+            implicit = self.below(steps[choice])
+            if np.bincount(clusters_of(*implicit.nodes(self.nodes))[2]).max() <= MOST_NODES:
+                return implicit
+        return self.below(0.0)
+
+    def cost(self, step):
+        """Return the cost of a run over its duration, in explicit zones and 1/s."""
+        groups = self.below(step).nodes(self.nodes)
+        n_nodes = len(np.unique(np.concatenate([group.ravel() for group in groups])))
+        return (len(self.own) + NODE_COST * n_nodes) / step
+
+
+def contact_springs(model: Model, implicit: Implicit | None = None) -> np.ndarray:
+    """Return largest stiffness (N/m) and viscosity (N s/m) of contacts, (2, n_contacts).
+
+    Those that are implicit have none.
     """
-
-    needs: _MassNeed
-    mass: np.ndarray
-    parts: tuple[tuple[np.ndarray, np.ndarray, float], ...]
-
-    def longest(self, share):
-        """Return the longest step in s."""
-        low, high, search = 0.0, 2.0 / np.sqrt(self.needs.zone.min()), self
-        for _ in range(60):
-            middle = 0.5 * (low + high)
-            added = search.added(middle)
-            if search.within(added, share):
-                low = middle
-            else:  # zones without added mass need none for a shorter step
-                high, search = middle, search.of(np.flatnonzero(added))
-        return low
-
-    def added(self, dt):
-        """Return the added mass of each zone for a step, (n_zones,) kg."""
-        return self.mass * np.maximum(0.0, self.needs(dt) - 1.0)
-
-    def within(self, added, share):
-        """Return whether the added mass is within the limit of each part."""
-        if not share:
-            return not added.any()
-        return all(
-            _shares(part, added, own).max() <= most * share for part, own, most in self.parts
-        )
-
-    def of(self, zones):
-        """Return the search for a subset of zones."""
-        parts = tuple((part[zones], own, most) for part, own, most in self.parts)
-        return _Search(self.needs.of(zones), self.mass[zones], parts)
+    contacts = model.nodes.contacts
+    if contacts is None:
+        return np.zeros((2, 0))
+    by_name = {joint.surface: joint for joint in model.joints}
+    bounds = np.array([by_name[name].bound() for name in contacts.names]).reshape(-1, 2)
+    springs = contacts.area * bounds[contacts.joint].T
+    return springs if implicit is None else np.where(implicit.contacts, 0.0, springs)
 
 
-def _parts(mesh, mass):
-    """Return the parts with limited mass: groups, and sequences of consecutive zones.
-
-    Slivers are excluded from the shorter sequences.
-    """
-    (cell, count), (few, n_few) = (_places(len(mass), size) for size in (PLACE, FEW))
-    sliver = _thinness(mesh) < THIN
-    limits = ((mesh.zone_group, len(mesh.groups), 1.0), (cell, count, IN_ONE_PLACE))
-    return (
-        *((part, np.bincount(part, mass, count), most) for part, count, most in limits),
-        (np.where(sliver, n_few, few), np.append(np.bincount(few, mass), np.inf), FINE),
+def contact_bounds(model: Model, implicit: Implicit | None = None) -> np.ndarray:
+    """Return the sums (2, n_nodes) of `contact_springs` over the contacts of nodes."""
+    pairs, n = contact_pairs(model.nodes.contacts), len(model.nodes.points)
+    springs = contact_springs(model, implicit)
+    return sum(
+        (np.array([np.bincount(side, part, minlength=n) for part in springs]) for side in pairs.T),
+        np.zeros((2, n)),
     )
 
 
-def _places(n_zones, size):
-    """Return the sequence (n_zones,) of each zone, and the number of sequences of a size."""
-    count = max(1, n_zones // size)
-    return np.minimum(np.arange(n_zones) // size, count - 1), count
-
-
-def _thinness(mesh):
-    """Return the smallest altitude of each zone over its longest edge, (n_zones,)."""
-    thinness = np.empty(len(mesh.zones))
-    for start in range(0, len(thinness), CHUNK):
-        zones = mesh.zones[start : start + CHUNK]
-        gradient = shape_gradients(mesh.points, zones)
-        gradients = np.concatenate([-gradient.sum(axis=1, keepdims=True), gradient], axis=1)
-        altitude = 1.0 / np.linalg.norm(gradients, axis=2).max(axis=1)
-        longest = tetrahedra.edge_lengths(mesh.points, zones).max(axis=1)
-        thinness[start : start + CHUNK] = altitude / longest
-    return thinness
-
-
-def _shares(part, added, own):
-    """Return the added over the original mass of each part; ``part`` (n_zones,)."""
-    return np.bincount(part, added, len(own)) / np.maximum(own, np.finfo(float).tiny)
-
-
-def contact_bounds(model: Model) -> np.ndarray:
-    """Return largest stiffness (N/m) and viscosity (N s/m) summed over the contacts of nodes."""
-    total = np.zeros((2, len(model.nodes.points)))
-    contacts = model.nodes.contacts
-    if contacts is None:
-        return total
-    by_name = {joint.surface: joint for joint in model.joints}
-    bounds = np.array([by_name[name].bound() for name in contacts.names]).reshape(-1, 2)
-    for sums, bound in zip(total, bounds.T, strict=True):
-        spring = contacts.area * bound[contacts.joint]
-        for side in (contacts.minus, contacts.plus):
-            sums += np.bincount(side, spring, minlength=len(sums))
-    return total
-
-
-def _limit(model, worst, scaled, share):
+def _limit(model, worst, reserved, implicit):
     """Describe the zone that limits the step, or the joint that reserves most of its mass."""
     mesh = model.mesh
     x, y, z = mesh.points[mesh.zones[worst]].mean(axis=0)
     part = f"a zone of '{mesh.groups[mesh.zone_group[worst]]}'"
     contacts = model.nodes.contacts
-    if contacts is not None and share[worst] > 0.5:
+    if contacts is not None and reserved > 0.5:
         pairs = np.stack([contacts.minus, contacts.plus])
         contact = int(np.isin(pairs, model.nodes.zone_nodes[worst]).any(axis=0).argmax())
         part = f"a contact of joint '{contacts.names[contacts.joint[contact]]}'"
-    note = " and others as short, after adding mass" if scaled else ""
+    note = f" ({implicit} smaller zones are implicit)" if implicit else ""
     return f"{part} at ({x:.1f}, {y:.1f}, {z:.1f}) m{note}"
 
 
-def with_joints(model: Model, product: Product, mass: np.ndarray) -> Product:
-    """Return the product of a whole model: that of its zones, and its joints at their stiffest."""
+def with_joints(
+    model: Model, product: Product, mass: np.ndarray, implicit: Implicit | None = None
+) -> Product:
+    """Return the product of a whole model: that of its zones, and its joints at their stiffest.
+
+    Those that are implicit are left out.
+    """
     contacts = model.nodes.contacts
     if contacts is None:
         return product
-    by_name = {joint.surface: joint for joint in model.joints}
-    bounds = np.array([by_name[name].bound() for name in contacts.names]).reshape(-1, 2)
-    bound = bounds[contacts.joint]
+    stiffness, viscosity = contact_springs(model, implicit)
 
     def whole(motion, rate=0.0):
-        spring = contacts.area * (bound[:, 0] + rate * bound[:, 1])
+        spring = stiffness + rate * viscosity
         return product(motion, rate) + joint_product(contacts, spring, motion) / mass[:, None]
 
     return whole
@@ -373,8 +300,8 @@ def joint_product(contacts: Contacts, stiffness: np.ndarray, motion: np.ndarray)
     return force
 
 
-def longest_step(squared: float, drag: float, beta: float = 0.0) -> float:
-    """Return the longest stable step in s.
+def longest_step(squared: Any, drag: Any, beta: Any = 0.0) -> Any:
+    """Return the longest stable step in s, of numbers or arrays.
 
     Parameters
     ----------
@@ -389,8 +316,8 @@ def longest_step(squared: float, drag: float, beta: float = 0.0) -> float:
     -----
     The root of ``squared T^2/4 + (drag + squared beta) T/2 = 1``; theory.md (2.48).
     """
-    drag = drag + squared * beta
-    return float((np.sqrt(drag**2 / 4.0 + squared) - drag / 2.0) * 2.0 / squared)
+    drag, squared = drag + squared * beta, np.maximum(squared, np.finfo(float).tiny)
+    return (np.sqrt(drag**2 / 4.0 + squared) - drag / 2.0) * 2.0 / squared
 
 
 def damped_step(product: Product, mass: np.ndarray, shortest: float) -> float:

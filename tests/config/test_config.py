@@ -11,6 +11,8 @@ DEEP = "x = " + 3000 * "[" + 3000 * "]"
 
 # What is wrong, the text it replaces, the replacement, what the one sentence must say.
 MALFORMED = [
+    ("key of earlier versions", "duration_s = 0.1", "duration_s = 0.1\nadded_mass = 0.01",
+     "run: added_mass: small zones are implicit now and take no mass; remove it"),
     ("negative stiffness", "kn_gpa_per_m = 0.114", "kn_gpa_per_m = -1",
      "joints.F1.kn_gpa_per_m: must be positive, got -1"),
     ("misspelled key", "density_kg_per_m3 = 2000", "densty_kg_per_m3 = 2000",

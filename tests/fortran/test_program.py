@@ -90,6 +90,41 @@ def test_the_program_marches_to_the_same_bits_as_python(model, exported, tmp_pat
     assert here.state["contact_state"][:, 3].max() > 0.0
 
 
+def test_implicit_zones_march_to_the_same_bits(tmp_path):
+    mesh = structured_box((6, 6, 6), (24.0, 24.0, 24.0), planes={"J": ("x", 12.0)})
+    points = mesh.points.copy()
+    points[np.argmax((points == 12.0).all(axis=1)), 1] += 3.88
+    time = np.arange(0.0, 0.05, 1e-3)
+    push = Seismogram(np.outer(np.sin(np.pi * time / 0.05) ** 2, [0.1, 0.5, 0.2]), 1e-3)
+    joint = {"kn": 2e10, "ks": 1e10, "cohesion": 0.0, "friction": 0.3, "tension": 0.0}
+    model = Model(
+        replace(mesh, points=points).split(["J"]),
+        {"rock": ROCK},
+        joints=[Joint("J", "coulomb", joint, insitu_pressure=1e5)],
+        boundaries=[*map(Viscous, ("west", "east", "bottom")), StressInput("west", push)],
+        damping=Damping(0.02, 20.0, corner=90.0),
+        receivers=[Receiver("A", (20.0, 5.0, 18.0))],
+    )
+    prepared = prepare(model, 0.05)
+    export(prepared, tmp_path / "model.h5")
+
+    done = march(tmp_path / "model.h5", tmp_path / "result.h5")
+
+    here = simulate(model, 0.05, prepared=prepared)
+    assert done.returncode == 0, done.stderr
+    assert prepared.limit.implicit.zones.any()
+    with h5py.File(tmp_path / "result.h5") as file:
+        assert np.array_equal(file["records/motion"][:, 0], here.seismograms["A"].velocity)
+        assert np.array_equal(file["records/energy"][()], energies(here))
+        for name, value in here.state.items():
+            assert np.array_equal(file[f"state/{name}"][()], value), name
+
+
+def energies(run):
+    """Return the energies (n_lines, n) of a run in the order of the file."""
+    return np.transpose([run.energy[name] for name in core.ENERGIES])
+
+
 def test_yielding_and_anisotropic_ground_marches_to_the_same_bits(tmp_path):
     mesh = structured_box(
         (6, 4, 4), (30.0, 20.0, 20.0), layers=[Layer("weak", 10.0), Layer("schist")]

@@ -92,12 +92,6 @@ def test_a_step_factor_out_of_range_is_refused(factor):
         Model(box(), {"rock": ROCK}, step_factor=factor)
 
 
-@pytest.mark.parametrize("share", [-0.1, 0.2, np.nan])
-def test_an_added_mass_out_of_range_is_refused(share):
-    with pytest.raises(InputError, match=r"added_mass: must lie in 0 to 0\.1"):
-        Model(box(), {"rock": ROCK}, added_mass=share)
-
-
 @pytest.mark.parametrize(
     ("changed", "message"), [({"charge": 0.0}, "hole.charge"), ({"time": -1.0}, "hole.time")]
 )

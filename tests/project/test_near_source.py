@@ -98,6 +98,32 @@ def test_a_back_analysis_names_the_receivers_that_do_not_count(project):
     assert "'up 25'" in finding.text
 
 
+@pytest.fixture(scope="module")
+def wide(project):
+    text = (project.folder / "project.toml").read_text()
+    text = text.replace("[130, 130, 130]", "[330, 330, 330]\norigin_m = [-100, -100, -100]")
+    (project.folder / "wide.toml").write_text(text)
+    return load_project(project.folder / "wide.toml")
+
+
+def test_a_wide_uniform_ground_injects_its_explosion_and_every_receiver_counts(wide):
+    records = simulate(wide.model, wide.duration).seismograms
+
+    assert "D38" not in {finding.code for finding in check(wide, measure=False).findings}
+    assert resolved_receivers(wide, tuple(OFFSETS)) == tuple(OFFSETS)
+    assert "up 25" not in resolved_receivers(wide, tuple(OFFSETS), injected=False)
+    for name, offset in OFFSETS.items():
+        wanted = 1e9 * explosion(records[name].times, offset, BELL, wide.materials["rock"])
+        error = np.linalg.norm(records[name].velocity - wanted) / np.linalg.norm(wanted)
+        assert error < 0.01, name
+
+
+def test_what_stands_against_an_injection_is_said(project):
+    (finding,) = (f for f in check(project, measure=False).findings if f.code == "D38")
+
+    assert "Not injected: the absorbing layer lies less than an element" in finding.text
+
+
 def test_receivers_near_a_source_count_in_no_fit(project):
     assert resolved_receivers(project, tuple(OFFSETS)) == ("east 40", "aside 60", "corner 100")
     assert resolved_receivers(project, ()) == ()

@@ -143,7 +143,7 @@ def test_the_weight_above_presses_a_level_joint_evenly(pattern):
 
 def test_a_free_body_keeps_its_energy_at_the_longest_step():
     model = Model(structured_box((3, 2, 2), (30.0, 20.0, 20.0)), {"rock": ROCK}, quadratic=True,
-                  step_factor=1.0, added_mass=0.0)  # fmt: skip
+                  step_factor=1.0)  # fmt: skip
     velocity = np.random.default_rng(3).normal(size=model.nodes.points.shape)
     dt = prepare(model, 1.0).constants["dt"]
 
