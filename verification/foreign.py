@@ -75,6 +75,7 @@ def judged(cases, name, keep, executor):
         "truth": truth["effects"],
         **geometry,
         "outcome": answer["outcome"],
+        "acts": [one["act"] for one in answer["mistakes"]],
         "labels": [one["label"] for one in answer["effects"]],
         "named": [one["label"] for one in answer["effects"] if one["named"]],
         "targets": [one["target"] for one in answer["effects"]],

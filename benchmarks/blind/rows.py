@@ -14,8 +14,8 @@ from .sealing import opened
 
 LABELS = (*FAMILY, "none", "unknown")
 # That physics of the library is missing; a crash is no better.
-CLAIMS = ("NAMED", "COMPOSITE", "CLASS", "CRASH")
-NAMES = ("NAMED", "COMPOSITE")
+CLAIMS = ("NAMED", "COMPOSITE", "CLASS", "CRASH", "MISTAKE")
+NAMES = ("NAMED", "COMPOSITE", "MISTAKE")
 NEAR = 20.0  # m, within which a plane is found: a third of an S wave of the top of the band
 CREEPING = "joint_creeping_fill"
 VISIBLE = 4.0  # d' below which an effect can't be seen
@@ -56,7 +56,7 @@ def row_of(truth: dict, answer: dict, measured: dict | None = None) -> dict:
     """
     measured = measured or {}
     true = [one["label"] for one in truth["effects"] if one["label"] in FAMILY]
-    said = [one["label"] for one in answer.get("effects", [])]
+    said = [o["label"] for key in ("mistakes", "effects") for o in answer.get(key, [])]
     outcome = answer["outcome"]
     kin = (answer.get("class") or []) if outcome == "CLASS" else []
     named = said if outcome in NAMES else []

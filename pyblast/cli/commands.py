@@ -422,6 +422,9 @@ def diagnose(
         int | None, typer.Option(min=1, help="Processes side by side [one for each core].")
     ] = None,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the permuted residuals.")] = 1,
+    correct: Annotated[
+        bool, typer.Option("--correct", help="Mend mistakes in the records, and go on.")
+    ] = False,
     fresh: Fresh = False,
     predict: Annotated[
         Path | None, typer.Option(help="Hole table of a further blast to predict.")
@@ -454,8 +457,8 @@ def diagnose(
             workflow.check_further(case, predict, [path for path, _ in outputs], out)
         with console.Progress() as progress, pool(workers) as executor:
             result, folder = workflow.diagnose_case(
-                case, out, fresh=fresh, budget=budget, seed=seed, executor=executor,
-                progress=progress, say=console.say,
+                case, out, fresh=fresh, budget=budget, seed=seed, correct=correct,
+                executor=executor, progress=progress, say=console.say,
             )  # fmt: skip
         for line in summary_lines(result):
             console.say(line)

@@ -34,7 +34,7 @@ RESOLUTION_DECIDED_BY = (
 )
 FINER_MESH = "runs on a finer mesh"  # a part of a diagnosis that may fail
 HALF_WIDTH = 1.645  # standard deviations, half of a 90 % interval
-OUTCOMES = ("NULL", "NAMED", "CLASS", "COMPOSITE", "PARTIAL", "UNKNOWN")
+OUTCOMES = ("NULL", "NAMED", "CLASS", "COMPOSITE", "PARTIAL", "UNKNOWN", "MISTAKE")
 
 
 @dataclass(frozen=True, eq=False)

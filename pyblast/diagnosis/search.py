@@ -236,7 +236,7 @@ def screen(search: Search) -> list[ScreeningResult]:
         for target in hypothesis.targets(search.scene.case)
         for effect in starting_effects(hypothesis, target, search.scene)
     ]  # fmt: skip
-    number = {effect: n for n, (effect, _) in enumerate(candidates)}
+    number: dict[Effect | None, int] = {effect: n for n, (effect, _) in enumerate(candidates)}
     later = [number.get(_mirror(effect), n) < n for n, (effect, _) in enumerate(candidates)]
     results = _screened(search, [c for c, late in zip(candidates, later, strict=True) if not late])
     mirrors = [

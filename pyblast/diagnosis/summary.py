@@ -1,6 +1,6 @@
 """Summary of a diagnosis: the content of ``diagnosis.json``, and where residuals come from."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -16,18 +16,24 @@ from .decision import FINER_MESH, RESOLUTION, RESOLUTION_DECIDED_BY, Decision, i
 from .effects import PredictionScene, Scene, with_motion_effects
 from .forward import surface_speed
 from .hypotheses import LIBRARY, blast_and_hole, untestable_labels
+from .mistakes import Mistake
 from .null_distribution import NullDistribution, detection_limits
 from .search import Search, means, worst
 from .thresholds import DECISIVE, DETECTABLE, MATERIAL, RESOLVED
 from .trusted_shots import explained
 
-UNSURE = "CLASS", "PARTIAL", "UNKNOWN"  # outcomes on which a prediction should not rely
+UNSURE = "CLASS", "PARTIAL", "UNKNOWN", "MISTAKE"  # outcomes on which a prediction should not rely
 WINDOW = 0.8  # share of the energy of a residual that lies in its windows
 GRID = 25  # points along the longer side of the plan
 NEARLY = 0.9  # of the largest stack, above which a point is as good
 
 
-def summarise(search: Search, null: NullDistribution | None, decision: Decision) -> dict:
+def summarise(
+    search: Search,
+    null: NullDistribution | None,
+    decision: Decision,
+    mistakes: Sequence[Mistake] = (),
+) -> dict:
     """Return the content of ``diagnosis.json``; its keys are described in reference/results.md.
 
     Parameters
@@ -36,6 +42,7 @@ def summarise(search: Search, null: NullDistribution | None, decision: Decision)
     null : NullDistribution or None
         None if no effect was tried.
     decision : Decision
+    mistakes : sequence of Mistake
     """
     scene, without = search.scene, search.without_effects
     baseline, case, fit = scene.baseline, scene.case, decision.fit
@@ -50,6 +57,7 @@ def summarise(search: Search, null: NullDistribution | None, decision: Decision)
         remainder = locate_residual(baseline, fit.motion, fit.chi_square)
     return {
         "outcome": decision.outcome,
+        "mistakes": [mistake.row() for mistake in mistakes],
         "effects": _effects(decision),
         "class": list(decision.rivals) if len(decision.rivals) > 1 else [],
         "not_testable": _not_testable(search),
@@ -135,6 +143,7 @@ def _clipped(case):
 def summary_lines(summary: Mapping) -> list[str]:
     """Return the outcome of ``diagnosis.json`` and its basis in a few lines of text."""
     lines = [f"outcome: {summary['outcome']}"]
+    lines += [f"  {act}" for act in acts(summary)]
     for effect in summary["effects"]:
         targets = effect["target"] if isinstance(effect["target"], list) else [effect["target"]]
         where = f" at {', '.join(targets)}" if any(targets) else ""
@@ -159,6 +168,15 @@ def summary_lines(summary: Mapping) -> list[str]:
     if summary["effects"] and not exceeds_double_error(summary):
         lines.append("  model errors twice as large would explain it, too")
     return [*lines, f"  next: {summary['next_measurement']}"]
+
+
+def acts(summary: Mapping) -> list[str]:
+    """Return the act that mends each mistake, with what it does to the fit."""
+    return [
+        f"{row['act']}{' (done)' * summary['corrected']}: correlation with the reference "
+        f"{row['correlation_before']:.2f} before, {row['correlation_after']:.2f} after"
+        for row in summary["mistakes"]
+    ]
 
 
 def exceeds_double_error(summary: Mapping) -> bool:
@@ -312,6 +330,8 @@ def _not_detected(search, forms, length):
 
 def _next_measurement(search, decision, remainder):
     """Return what to measure next; the remainder decides where no effect needs a measurement."""
+    if decision.outcome == "MISTAKE":
+        return "correct the records, or diagnose with --correct, then the ground is judged"
     if decision.outcome == "NULL":
         return "nothing; larger charges or nearer receivers would show smaller effects"
     if decision.outcome in ("NAMED", "COMPOSITE"):

@@ -304,7 +304,7 @@ class Project:
 
     @_part
     def comparable(self) -> dict[str, Recording]:
-        """Return records to set beside simulated motion: low-passed like what enters."""
+        """Return records to set beside simulated motion, low-passed like what enters."""
         compared = {}
         for name, record in self.records.items():
             with named_error(f"{self.path.name}: receivers.{name}.recorded"):

@@ -1,6 +1,6 @@
 """Report of a diagnosis: what is missing, where, on what evidence, and what remains."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from functools import partial
 from math import radians
 
@@ -16,7 +16,7 @@ from ..diagnosis.decision import (
 from ..diagnosis.fitting import Fit
 from ..diagnosis.hypotheses import LIBRARY
 from ..diagnosis.search import means
-from ..diagnosis.summary import exceeds_double_error, not_computed, summary_lines
+from ..diagnosis.summary import acts, exceeds_double_error, not_computed, summary_lines
 from ..diagnosis.thresholds import (
     DECISIVE,
     FAR_FROM_PRIOR,
@@ -51,6 +51,7 @@ MEANINGS = {
     "COMPOSITE": "several effects are missing together, and each is needed",
     "PARTIAL": "an effect explains much, but not all of it is explained or tested",
     "UNKNOWN": "something is missing that no effect of the library explains",
+    "MISTAKE": "records or hole tables hold a mistake; the ground has not been judged",
 }
 USUAL = {
     "s": (("ms", FACTORS["ms"]), ("s", FACTORS["s"])),
@@ -101,6 +102,7 @@ def _parts(diagnosis, summary, failures):
     fit = diagnosis.decision.fit
     sentences = {
         "lead": lambda: lead(diagnosis, summary),
+        "mistakes": lambda: acts(summary),
         "ranking": lambda: ranking_rows(diagnosis),
         "screened": lambda: screened_rows(diagnosis, summary),
         "detection_limits": lambda: detection_limit_rows(summary),
@@ -139,6 +141,9 @@ def _parts(diagnosis, summary, failures):
 def lead(diagnosis: Diagnosis, summary: dict) -> str:
     """Return the result in a few sentences, which begin the page."""
     outcome, decision = summary["outcome"], diagnosis.decision
+    if outcome == "MISTAKE":
+        plain_acts = [row["act"] for row in summary["mistakes"]]
+        return f"A mistake in the records comes first: {'; '.join(plain_acts)}."
     if outcome == "NULL":
         return (
             "Nothing is missing that these records could show: the calibrated site explains the "
@@ -243,7 +248,7 @@ def _near(located):
     return f"{points}{seen} at {f0:.3g} to {f1:.3g} Hz, {t0:.2g} to {t1:.2g} s after the first hole"
 
 
-def listed(words: list[str]) -> str:
+def listed(words: Sequence[str]) -> str:
     """Join words by commas and "and"."""
     return _joined(words, "and")
 

@@ -6,7 +6,8 @@ import shutil
 import time
 from collections.abc import Callable
 from concurrent.futures import Executor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +18,9 @@ from ..diagnosis.calibration import calibrate, taught
 from ..diagnosis.case import Case, case_of
 from ..diagnosis.decision import FINER_MESH, Decision, decide, undecided
 from ..diagnosis.effects import HOLES, Scene, effects_of, predict
+from ..diagnosis.fitting import fit_calibrated
 from ..diagnosis.forward import Forward, finer_mesh
+from ..diagnosis.mistakes import mistakes_of
 from ..diagnosis.null_distribution import NullDistribution, null_distribution
 from ..diagnosis.search import Search, search
 from ..diagnosis.summary import held_out_blasts, known_so_far, not_computed, summarise
@@ -63,12 +66,16 @@ class Diagnosis:
     summary: dict
 
 
+MISTAKES = "mistakes in the records"
+
+
 def diagnose(
     project: Project,
     folder=None,
     *,
     budget: int = BUDGET,
     seed: int = 1,
+    correct: bool = False,
     executor: Executor | None = None,
     progress: Callable | None = None,
     known: Callable[[dict], object] = silent,
@@ -85,6 +92,9 @@ def diagnose(
         Number of runs of one blast after which no further effect is tried.
     seed : int
         Of the null distribution.
+    correct : bool
+        Whether to mend mistakes in records and hole tables and go on. Otherwise a diagnosis with
+        mistakes ends with them, as outcome ``MISTAKE``: the ground would be blamed for them.
     executor : Executor, optional
         As for `run_all`.
     progress : callable, optional
@@ -109,16 +119,22 @@ def diagnose(
     that fails is listed in ``not_computed``.
     """
     report, began = progress or (lambda *_: None), time.perf_counter()
+    report("mistakes in the records", 0, 1)
+    failures, mistakes, checks = {}, [], []
+    with contained(failures, MISTAKES):
+        mistakes, mended = mistakes_of(project, partial(_checking, checks, folder, executor))
+        project = mended if correct else project
+    wrong = bool(mistakes) and not correct
     everything = case_of(project)
     report("calibration", 0, 1)
     case = taught(everything, lambda part: Forward(part, folder, executor))
     forward, finer = Forward(case, folder, executor), None
-    if case.share is None and finer_mesh(case.project) is not None:
+    if not wrong and case.share is None and finer_mesh(case.project) is not None:
         finer = Forward(case, folder, executor, fine=True)  # trusted shots show the mesh's error
     table = case.project.config.diagnosis
-    fixed = case.share is not None or (table is not None and not table.calibrate)
-    failures, calibrated = {}, () if fixed else None
-    forwards = [forward] if finer is None else [forward, finer]
+    fixed = wrong or case.share is not None or (table is not None and not table.calibrate)
+    calibrated = () if fixed else None
+    forwards = [*checks, forward] if finer is None else [*checks, forward, finer]
     baseline = None
     if finer is not None:
         with contained(failures, FINER_MESH):
@@ -127,18 +143,23 @@ def diagnose(
         finer, baseline = None, calibrate(forward, None, calibrated)
     report("holes", 0, 1)
     holes = {}
-    with contained(failures, HOLES):
-        holes = forward.hole_motion(baseline.project)
+    if not wrong:
+        with contained(failures, HOLES):
+            holes = forward.hole_motion(baseline.project)
     scene = Scene(forward, baseline, holes, failures)
-    done = search(scene, budget, report, lambda state: known(known_so_far(state)))
+    if wrong:
+        chosen = fit_calibrated(scene)
+        done = Search(scene, budget, report, chosen, chosen=chosen)
+    else:
+        done = search(scene, budget, report, lambda state: known(known_so_far(state)))
     null = None
     if done.fits:
         with contained(failures, "null threshold"):
             null = null_distribution(scene, done.without_effects, done.screening, done.fits, seed)
     decision = undecided(done)
     with contained(failures, "decision"):
-        decision = decide(done, null, finer)
-    summary = summarise(done, null, decision)
+        decision = replace(decision, outcome="MISTAKE") if wrong else decide(done, null, finer)
+    summary = summarise(done, null, decision, mistakes)
     with contained(failures, "held-out blasts"):
         summary |= {"held_out_blasts": held_out_blasts(everything, scene, decision)}
     summary |= {"not_computed": not_computed(failures)}
@@ -149,9 +170,16 @@ def diagnose(
         "kept_s": round(sum(each.cached_s for each in forwards), 1),
         "seed": seed,
         "budget": budget,
+        "corrected": correct,
         "finished": done.finished,
     }
     return Diagnosis(scene, done, null, decision, plain(summary))
+
+
+def _checking(checks, folder, executor, case):
+    """Return the forward simulation that looks for mistakes in a case, and enter it in a list."""
+    checks.append(Forward(case, folder, executor))
+    return checks[-1]
 
 
 def read_case(path) -> Project:
@@ -166,6 +194,7 @@ def diagnose_folder(
     *,
     budget=BUDGET,
     seed=1,
+    correct=False,
     executor=None,
     progress=None,
     known=silent,
@@ -181,7 +210,7 @@ def diagnose_folder(
     output : path
         Folder for the result. Runs are stored in its folder ``runs``, so that the same call
         resumes after an interruption; a finished diagnosis of the same files is read.
-    budget, seed, executor, progress, known
+    budget, seed, correct, executor, progress, known
         As of `diagnose`.
     runs : path, optional
         Another folder for the runs.
@@ -195,7 +224,7 @@ def diagnose_folder(
     """
     output = Path(output)
     provenance = versions(_hash_of(folder)) | {"code_sha256": code_hash(WHOLE)}
-    finished = _finished(output, provenance, budget, seed)
+    finished = _finished(output, provenance, budget, seed, correct)
     if finished is not None:
         return finished
     project = read_case(folder)
@@ -209,6 +238,7 @@ def diagnose_folder(
         runs or output / RUNS,
         budget=budget,
         seed=seed,
+        correct=correct,
         executor=executor,
         progress=progress,
         known=known,
@@ -241,7 +271,7 @@ def _decisive(provenance):
     return {key: value for key, value in provenance.items() if key != "threads"}
 
 
-def _finished(output, provenance, budget, seed):
+def _finished(output, provenance, *asked):
     """Return the finished diagnosis of the same input, or None; its page is written last."""
     if not (output / REPORT).is_file():
         return None
@@ -253,7 +283,9 @@ def _finished(output, provenance, budget, seed):
         return None
     before = known.get("provenance")
     same = isinstance(before, dict) and _decisive(before) == _decisive(provenance)
-    return known if same and (known.get("budget"), known.get("seed")) == (budget, seed) else None
+    return (
+        known if same and tuple(map(known.get, ("budget", "seed", "corrected"))) == asked else None
+    )
 
 
 def predict_file(folder, output, summary, holes, path, baseline=False, runs=None):
@@ -382,6 +414,7 @@ def diagnose_case(
     fresh: bool = False,
     budget: int = BUDGET,
     seed: int = 1,
+    correct: bool = False,
     executor: Executor | None = None,
     progress: Progress | None = None,
     say: Say | None = None,
@@ -402,6 +435,8 @@ def diagnose_case(
         Number of runs of one blast after which no further effect is tried.
     seed : int
         Of the null distribution.
+    correct : bool
+        Whether to mend mistakes in the records and go on.
     executor : concurrent.futures.Executor, optional
         Such as `workers`; the result does not depend on it.
     progress : callable, optional
@@ -430,11 +465,12 @@ def diagnose_case(
     if fresh:
         shutil.rmtree(out / RUNS, ignore_errors=True)
     for finished in [] if fresh else numbered_folders(out):
-        known = _finished(finished, provenance, budget, seed)
+        known = _finished(finished, provenance, budget, seed, correct)
         if known is not None:
             say(f"this diagnosis is finished: {finished}; --fresh repeats it")
             return known, finished
-    started = {"input_sha256": provenance["input_sha256"], "budget": budget, "seed": seed}
+    started = {"input_sha256": provenance["input_sha256"], "budget": budget, "seed": seed,
+               "corrected": correct}  # fmt: skip
 
     def unfinished(path: Path) -> bool:
         return _started(path) == started
@@ -444,7 +480,8 @@ def diagnose_case(
         write_summary(result / STARTED, started)
         try:
             summary = diagnose_folder(
-                case, result, budget=budget, seed=seed, executor=executor, progress=progress,
+                case, result, budget=budget, seed=seed, correct=correct, executor=executor,
+                progress=progress,
                 known=lambda so_far: write_summary(
                     result / STARTED, started | {"known_so_far": so_far}
                 ),
@@ -468,7 +505,7 @@ def _started(folder):
         table = json.loads((folder / STARTED).read_text(encoding="utf-8"))
     except (OSError, ValueError):
         return None
-    arguments = "input_sha256", "budget", "seed"
+    arguments = "input_sha256", "budget", "seed", "corrected"
     return {k: table.get(k) for k in arguments} if isinstance(table, dict) else None
 
 

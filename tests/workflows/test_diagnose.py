@@ -26,11 +26,11 @@ def no_runs():
 
 
 @cache
-def found(change=None):
+def found(change=None, correct=False):
     """Diagnose the small site with other values and one change of its records."""
     true = with_values(small_site(), calibrated_parameters(small_site()), TRUE)
     case = recorded(small_site(), true, change=change, fine=True)
-    return diagnose(case.project, seed=3).summary
+    return diagnose(case.project, seed=3, correct=correct).summary
 
 
 def late(motion):
@@ -71,11 +71,18 @@ def test_a_slow_clock_is_named_at_its_receiver_with_its_shift():
     assert shift["low"] < shift["value"] < shift["high"]
 
 
-def test_a_component_the_wrong_way_round_is_named_at_its_receiver():
+def test_a_component_the_wrong_way_round_is_said_before_any_ground_is_judged():
     one = found(flipped)
-    assert one["outcome"] == "NAMED"
-    assert one["effects"][0]["target"] == "R1"
-    assert "polarity" in one["effects"][0]["label"]
+    assert one["outcome"] == "MISTAKE"
+    assert not one["effects"]
+    assert [row["act"] for row in one["mistakes"]] == ["reverse north at R1"]
+    assert one["runs"] == 6  # of two blasts: as it is, mended, and for the page
+
+
+def test_a_mistake_is_mended_when_asked_and_the_site_judged():
+    one = found(flipped, correct=True)
+    assert one["outcome"] == "NULL"
+    assert [row["target"] for row in one["mistakes"]] == ["R1"]
 
 
 def test_what_no_hypothesis_explains_is_unknown_and_located():

@@ -1,0 +1,119 @@
+"""Mistakes put into the records of a small site are named with the act that mends them."""
+
+from dataclasses import replace
+from functools import cache, partial
+
+import numpy as np
+import pytest
+from small_site import DT, recorded, small_site
+
+from pyblast.diagnosis.case import case_of
+from pyblast.diagnosis.forward import Forward
+from pyblast.diagnosis.mistakes import mistakes_of
+from verification.mistakes import AT_A_RECEIVER, records, with_velocity
+
+
+@cache
+def site():
+    """Return the small site with records of its own run, and the motion of its reference."""
+    case = recorded(small_site(), noise=0.003)
+    return case.project, Forward(case).motion(case.project)
+
+
+def found_in(project):
+    """Return the mistakes that are named, and the project without them."""
+    motion = site()[1]
+
+    def simulate(case):
+        forward = Forward(case)
+        forward.motion = lambda _: motion[: len(case.blasts), ..., : case.n_samples]
+        return forward
+
+    return mistakes_of(project, simulate)
+
+
+def same_records(one, other, but=1e-20):
+    """Tell whether two projects have the same motion, but for a share of its energy."""
+    here, there = case_of(one), case_of(other)
+    wrong = here.in_band(here.motion) - there.in_band(there.motion)
+    return np.sum(wrong**2) <= but * np.sum(there.motion**2)
+
+
+def test_no_mistake_is_named_in_right_records():
+    assert found_in(site()[0])[0] == []
+
+
+@pytest.mark.parametrize("kind", [k for k in AT_A_RECEIVER if k not in ("acceleration",)])
+def test_a_mistake_at_one_receiver_is_named_and_mended(kind):
+    right, (named, act, change) = site()[0], AT_A_RECEIVER[kind]
+    wrong = records(right, partial(with_velocity, change), None, "R2")
+
+    mistakes, mended = found_in(wrong)
+
+    assert [(m.kind, m.target) for m in mistakes] == [(named, "R2")]
+    assert isinstance(act, float) or act in mistakes[0].act
+    assert same_records(mended, right, 0.02)
+
+
+def test_exchanged_receivers_are_named_and_put_back():
+    right = site()[0]
+    tables = {each.name: dict(each.records) for each in (right, *right.further)}
+    for table in tables.values():
+        table["R0"], table["R3"] = table["R3"], table["R0"]
+
+    (mistake,), mended = found_in(right.changed(records=tables))
+
+    assert (mistake.kind, mistake.target) == ("receivers", "R0 and R3")
+    assert same_records(mended, right)
+
+
+def test_a_wrong_time_zero_of_a_blast_is_named_and_corrected():
+    right = site()[0]
+
+    def moved(one):
+        return replace(one, seismogram=one.seismogram.shifted(8 * DT))
+
+    (mistake,), mended = found_in(records(right, moved, "B1"))
+
+    assert (mistake.kind, mistake.target) == ("time zero", "B1")
+    assert mistake.act.endswith("32 ms late")
+    assert same_records(mended, right, 1e-6)
+
+
+def test_the_records_of_another_blast_are_known_for_a_copy():
+    right = site()[0]
+    tables = {each.name: each.records for each in (right, *right.further)}
+
+    mistakes, mended = found_in(right.changed(records=tables | {"B1": tables["S1"]}))
+
+    assert (mistakes[0].kind, mistakes[0].target) == ("copy", "B1")
+    assert mended.blasts.keys() == {"S1"}
+
+
+def test_two_mistakes_are_both_named():
+    right = site()[0]
+    wrong = records(right, partial(with_velocity, lambda v, _: -v), None, "R1")
+    wrong = records(wrong, partial(with_velocity, lambda v, _: 1e3 * v), None, "R3")
+
+    mistakes, mended = found_in(wrong)
+
+    assert sorted((m.kind, m.target) for m in mistakes) == [("components", "R1"), ("unit", "R3")]
+    assert same_records(mended, right)
+
+
+@pytest.mark.parametrize(("plan", "kind"), [("delays", "delays"), ("place", "place")])
+def test_a_wrong_plan_of_a_blast_is_named_by_runs_of_others(plan, kind):
+    right = site()[0]
+    own = right.blasts["B1"]
+    by = np.array([0.0, 20.0, 0.0])
+    wrong = {
+        "delays": replace(own, times=own.times.max() - own.times),
+        "place": replace(own, collar=own.collar + by, toe=own.toe + by),
+    }[plan]
+
+    mistakes, mended = mistakes_of(right.changed(blasts=right.blasts | {"B1": wrong}), Forward)
+
+    assert [(m.kind, m.target) for m in mistakes] == [(kind, "B1")]
+    there = mended.blasts["B1"]
+    np.testing.assert_allclose(there.times, own.times)
+    np.testing.assert_allclose(there.collar, own.collar, atol=1.0)
