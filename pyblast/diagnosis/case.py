@@ -118,10 +118,8 @@ def case_of(project: Project, blasts=None) -> Case:
     spectra = noise_of(np.where(recorded, noise, np.nan), dt, limits)
     dead = _dead(constant, valid, names, receivers)
     band = band_functions(motion.shape[-1], dt, limits, None if valid.all() else valid)
-    return Case(
-        names, receivers, dt, motion, valid, band, spectra, dead, project=project, near=near,
-        carried="" if carried is None else carried.text,
-    )  # fmt: skip
+    about = {"near": near, "carried": "" if carried is None else carried.text}
+    return Case(names, receivers, dt, motion, valid, band, spectra, dead, project=project, **about)
 
 
 def _gathered(project, highest):
