@@ -152,11 +152,11 @@ def test_a_search_that_does_not_end_starts_again_with_the_lower_third_of_the_ban
     monkeypatch.setattr(Fitter, "_descend", noted)
     monkeypatch.setattr("pyblast.back_analysis.fit.STEPS", 0)
     path = noisy(tmp_path)
-    path.write_text(path.read_text().replace("[3, 20]", "[3, 24]"))
+    path.write_text(path.read_text().replace("[3, 20]", "[1, 19]"))
 
     result, _ = back_analyse(path)
 
-    assert bands == [(3.0, 24.0), (3.0, 10.0), (3.0, 24.0)]
+    assert bands == [(1.0, 19.0), (1.0, 7.0), (1.0, 19.0)]
     assert result.fit.starts == 3
     assert not result.fit.converged
 
