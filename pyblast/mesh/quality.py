@@ -14,6 +14,7 @@ from .mesh import Mesh, components, edge_lengths, volumes
 
 # Measured memory per zone: gmsh with its mesh, and a structured grid.
 MESHING_BYTES, GRID_BYTES = 1900.0, 300.0
+LEAST_OUTWARD = 1e-6  # of the area of a free surface, of its sum as vectors, unless it is closed
 ZONES_PER_CUBE = 11.0  # zones in a volume of one mean edge cubed
 _GROUPS = Path("/sys/fs/cgroup")
 _LIMITS = (
@@ -258,11 +259,25 @@ def count_blocks(mesh: Mesh, free: tuple[str, ...] = ("top",)) -> BlockCounts:
 
 
 def _can_leave(joints, surface):
-    """Return whether a block can move out past its joints, outward vectors (n, 3)."""
-    joints = joints / np.linalg.norm(joints, axis=1)[:, None]
-    joints = np.unique(joints.round(6), axis=0)
-    out = surface.sum(axis=0) / np.linalg.norm(surface.sum(axis=0))
-    solution = scipy.optimize.linprog(
-        -out, A_ub=joints, b_ub=np.full(len(joints), 1e-9), bounds=[(-1.0, 1.0)] * 3
-    )
-    return bool(solution.status == 0 and -solution.fun > 1e-3)
+    """Return whether a block can move out past its joints, outward vectors (n, 3).
+
+    It leaves through its free surface as a whole or, where that looks to all sides, through one
+    face of it. A body without joints is no block.
+    """
+    if not len(joints):
+        return False
+    joints = np.unique(_directions(joints), axis=0)
+    out, size = surface.sum(axis=0), np.linalg.norm(surface, axis=1).sum()
+    whole = np.linalg.norm(out) > LEAST_OUTWARD * size
+    for direction in _directions(out[None]) if whole else np.unique(_directions(surface), axis=0):
+        solution = scipy.optimize.linprog(
+            -direction, A_ub=joints, b_ub=np.full(len(joints), 1e-9), bounds=[(-1.0, 1.0)] * 3
+        )
+        if solution.status == 0 and -solution.fun > 1e-3:
+            return True
+    return False
+
+
+def _directions(vectors):
+    """Return unit vectors (n, 3), rounded."""
+    return (vectors / np.linalg.norm(vectors, axis=1)[:, None]).round(6)

@@ -8,7 +8,7 @@ import numpy as np
 from ..errors import InputError, named_error
 from ..mesh.as_built import Row, as_built
 from ..mesh.hexahedral import mapped, subdivided, swept
-from ..mesh.hexahedral.mapped import NotMapped
+from ..mesh.hexahedral.mapped import Builder, NotMapped
 from ..mesh.mesh import Mesh, edge_lengths
 from ..mesh.quality import explicit_work
 from ..model.material import ConstantQ
@@ -17,7 +17,10 @@ from .surface import make_fractures
 
 ORDER = 5  # in a plain grid
 ORDERS = (3, 4)  # tried first elsewhere; a node and step costs about the same in all
-BUILDERS = {"between the planes": mapped.build, "swept along one direction": swept.build}
+BUILDERS: dict[str, Builder] = {
+    "between the planes": mapped.build,
+    "swept along one direction": swept.build,
+}
 # Nodes per shortest S wavelength for an error of 1 % over three wavelengths, by order; the error
 # falls with the power below of their number: docs/quality/performance.md.
 NODES_FOR_ONE_PER_CENT = {2: 9.0, 3: 5.9, 4: 4.6, 5: 4.3, 6: 4.0, 7: 4.0, 8: 4.1}
@@ -84,7 +87,7 @@ def make_ground(project) -> Ground:
     Raises
     ------
     InputError
-        If the project asks for hexahedra and its ground can't be a mapped grid.
+        If the project asks for hexahedra and they don't serve its ground.
     """
     config, materials = project.config, project.materials
     kind = config.mesh.kind
@@ -100,8 +103,8 @@ def make_ground(project) -> Ground:
             obstacle = str(reason)
     if kind == "hexahedra":
         raise InputError(
-            f"mesh.kind: 'hexahedra' need a ground that is a mapped grid, but {obstacle}; "
-            "take 'auto' or 'tetrahedra'"
+            f"mesh.kind: 'hexahedra' do not serve this ground: {obstacle}; take 'auto' or "
+            "'tetrahedra'"
         )
     reason = "tetrahedra, as mesh.kind asks for" if obstacle is None else f"tetrahedra: {obstacle}"
     return _tetrahedra(project, asked, wave, reason)

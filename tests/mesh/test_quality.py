@@ -59,6 +59,27 @@ def test_blocks_at_the_sides_are_held():
     assert census.volumes.sum() == pytest.approx(27.0)
 
 
+SIDES = ("west", "east", "south", "north", "bottom", "top")
+
+
+def test_a_body_without_joints_is_no_removable_block():
+    mesh = structured_box((2, 2, 2), (1.0, 1.0, 1.0)).split(())
+
+    census = count_blocks(mesh, SIDES)
+
+    assert census.free.all()
+    assert not census.removable.any()
+
+
+def test_a_slab_between_joints_leaves_through_any_of_its_free_sides():
+    planes = {"a": ("x", [1.0, 2.0])}
+    mesh = structured_box((3, 2, 2), (3.0, 2.0, 2.0), planes=planes).split("a")
+
+    census = count_blocks(mesh, SIDES[2:])
+
+    assert sorted(census.removable) == [False, False, True]
+
+
 def test_least_stretch_is_the_smallest_singular_value():
     draws = np.random.default_rng(4).normal(size=(500, 3, 3))
     turned = np.linalg.qr(draws[0])[0]

@@ -73,7 +73,7 @@ def test_hexahedra_that_can_not_be_are_refused_in_one_sentence(project):
     planes = [dipping(60, 90), dipping(60, 140, "J2")]
     one = project({"kind": "hexahedra", "faults": planes, "order": 6})
 
-    with pytest.raises(InputError, match=r"mesh\.kind: 'hexahedra' need .* 'J1' and 'J2' meet"):
+    with pytest.raises(InputError, match=r"'hexahedra' do not serve .* 'J1' and 'J2' meet"):
         _ = one.mesh
 
 

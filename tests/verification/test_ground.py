@@ -30,6 +30,14 @@ def test_a_ground_that_is_turned_has_the_same_records_turned(how):
     assert row["energy_of_difference"] < 1e-12
 
 
+def test_hexahedra_and_tetrahedra_agree_within_their_stated_errors():
+    row = ground.pair_row(SEED, 0)
+
+    assert row["receivers"] > 2
+    assert row["within"]
+    assert row["finer_difference"] < 0.01
+
+
 def test_four_quarters_are_no_turn():
     tables = tables_of(SEED, 6)
     other = tables

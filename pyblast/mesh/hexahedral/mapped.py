@@ -10,6 +10,7 @@ stay plane. A grid without slopes is a plain grid. Source: Gordon & Hall (1973).
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Protocol
 
 import numpy as np
 from scipy.interpolate import LinearNDInterpolator, NearestNDInterpolator
@@ -314,33 +315,42 @@ def divided(first: float, second: float, edge: float, fine: Sequence = ()) -> np
     return np.concatenate([[first], inner])
 
 
+class Builder(Protocol):
+    """Builder of meshes of spectral hexahedra."""
+
+    def __call__(
+        self,
+        geometry: Geometry,
+        sizes: Sequence[float],
+        order: int,
+        lines: Sequence[Fine] | None = None,
+    ) -> Mesh:
+        """Build a mesh, not split, with an absorbing layer of two hexahedra beside open sides.
+
+        Parameters
+        ----------
+        geometry : Geometry
+        sizes : sequence of float, m
+            Largest edge of the hexahedra of each layer.
+        order : int
+            Of the polynomials.
+        lines : sequence of Fine, optional
+            Parts with smaller elements.
+
+        Raises
+        ------
+        NotMapped
+            If no mesh of this kind serves the planes, or its order is not of this kind.
+        InputError
+            If a plane does not cut the model, or the mesh is larger than the memory.
+        """
+        ...
+
+
 def build(
     geometry: Geometry, sizes: Sequence[float], order: int, lines: Sequence[Fine] | None = None
 ) -> Mesh:
-    """Build a mapped grid of spectral hexahedra, not split.
-
-    Parameters
-    ----------
-    geometry : Geometry
-    sizes : sequence of float, m
-        Largest edge of the hexahedra of each layer.
-    order : int
-        Of the polynomials, 2 to 8.
-    lines : sequence of Fine, optional
-        Parts through which the lines of the grid run closer together.
-
-    Returns
-    -------
-    Mesh
-        Of the grids that serve, that of the least work. An absorbing layer of two hexahedra stands
-        outside of the open sides.
-
-    Raises
-    ------
-    NotMapped
-        If no mapped grid serves the planes.
-    InputError
-        If a plane does not cut the model, or the mesh is larger than the memory.
+    """Build the mapped grid of least work that serves, as a `Builder`.
 
     Examples
     --------

@@ -33,30 +33,7 @@ POWERS, ITERATIONS = (4, 16), 60  # lengthens the step by half
 def build(
     geometry: Geometry, sizes: Sequence[float], order: int, lines: Sequence[Fine] | None = None
 ) -> Mesh:
-    """Build hexahedra from the tetrahedra of a geometry, not split.
-
-    Parameters
-    ----------
-    geometry : Geometry
-    sizes : sequence of float, m
-        Largest edge of the hexahedra of each layer.
-    order : int
-        Of the polynomials, 2 to 4.
-    lines : sequence of Fine, optional
-        Parts with smaller elements.
-
-    Returns
-    -------
-    Mesh
-        With an absorbing layer of two hexahedra outside of the open sides.
-
-    Raises
-    ------
-    NotMapped
-        If the order is higher: the step of these zones would be too small.
-    InputError
-        If the geometry can't be cut into tetrahedra.
-    """
+    """Build hexahedra of order 2 to 4 from tetrahedra, as a `mapped.Builder`."""
     if order not in ORDERS:
         raise NotMapped(f"tetrahedra are cut into hexahedra of order 2 to 4, not {order}")
     meshes = []

@@ -60,30 +60,7 @@ class _Trace:
 def build(
     geometry: Geometry, sizes: Sequence[float], order: int, lines: Sequence[Fine] | None = None
 ) -> Mesh:
-    """Build a swept mesh of spectral hexahedra, not split.
-
-    Parameters
-    ----------
-    geometry : Geometry
-    sizes : sequence of float, m
-        Largest edge of the hexahedra of each layer.
-    order : int
-        Of the polynomials, 2 to 8.
-    lines : sequence of Fine, optional
-        Parts with smaller elements.
-
-    Returns
-    -------
-    Mesh
-        With an absorbing layer of two hexahedra outside of the open sides.
-
-    Raises
-    ------
-    NotMapped
-        If no direction serves all planes, or their section can't be meshed.
-    InputError
-        If a plane does not cut the model.
-    """
+    """Build a swept mesh, as a `mapped.Builder`."""
     planes, reasons = planes_of(geometry), []
     for frame in _frames(geometry, planes):
         if not _suits(planes, frame):
