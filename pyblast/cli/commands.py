@@ -468,9 +468,10 @@ def diagnose(
             raise typer.Exit(NOT_TRUSTED)
         for path, baseline in outputs:
             assert predict is not None  # goes with the outputs
-            workflow.predict_case(case, folder, predict, path, baseline=baseline)
+            corner = workflow.predict_case(case, folder, predict, path, baseline=baseline)
             unsure = result["outcome"] in UNSURE and not baseline
-            console.say(f"written: {path}{', from a diagnosis that is unsure' * unsure}")
+            passed = f", low-passed at {corner:.3g} Hz like what enters" if corner else ""
+            console.say(f"written: {path}{passed}{', from a diagnosis that is unsure' * unsure}")
 
 
 @app.command()
