@@ -17,7 +17,7 @@ from ..back_analysis.fit import (
     on_mesh_of_band,
     seconds_of_run,
 )
-from ..back_analysis.parameters import range_of
+from ..back_analysis.parameters import range_of, table_of
 from ..back_analysis.search import METHODS, BackAnalysis, confirm, make_target, with_plan
 from ..back_analysis.survey_design import SurveyDesign, survey_design_of
 from ..back_analysis.trials import TrialLog, Trials, identity
@@ -257,7 +257,8 @@ def _goes_on(folder: Path, searched: str, table: BackAnalysisConfig) -> bool:
 
 def findings_before(project: Project) -> list[Finding]:
     """Return the findings before a search: failed checks, the level, then those of the table."""
-    own = findings_of_table(project)  # first, since it may refuse the project
+    table_of(project)  # refused before anything is meshed, if it is missing
+    own = findings_of_table(project)
     checked = check(project, measure=False).findings
     return [*(each for each in checked if each.failed or each.code == LEVEL), *own]
 

@@ -62,6 +62,7 @@ ORDER = [
     "joint_laws",
     "elasticity",
     "principal_stresses",
+    "smoothing",
     "mohr_coulomb",
     "hoek_brown",
     "ubiquitous_joints",

@@ -166,9 +166,15 @@ def test_a_wrong_table_is_refused_in_one_sentence(tmp_path, old, new, match):
         back_analyse(path)
 
 
-def test_a_project_without_the_table_is_refused(tmp_path):
+def test_a_project_without_the_table_is_refused_before_its_mesh_is_built(tmp_path):
+    project = load_project(twin_file(tmp_path))
+
     with pytest.raises(InputError, match="back_analysis: missing; add the table"):
-        back_analyse(twin_file(tmp_path))
+        findings_before(project)
+
+    assert not {"ground", "mesh", "model"} & set(vars(project))
+    with pytest.raises(InputError, match="back_analysis: missing; add the table"):
+        back_analyse(project)
 
 
 def test_a_finished_search_is_not_changed_by_the_same_command(tmp_path):
