@@ -395,10 +395,9 @@ def _compared(confirmed, name, band):
     """Return the compared motion at a receiver: in common time, within the band."""
     both = in_common(confirmed.recorded[name], confirmed.simulated[name], band)
     recorded, simulated = (motion_table(motion, band) for motion in both)
-    return {
-        "band_hz": band, "recorded": recorded, "simulated": simulated,
-        "low_pass_hz": confirmed.recorded[name].low_passed,
-    }  # fmt: skip
+    corner = confirmed.recorded[name].low_passed
+    table = {"band_hz": band, "low_pass_hz": corner}
+    return table | {"recorded": recorded, "simulated": simulated}
 
 
 def _blast_table(confirmed):
