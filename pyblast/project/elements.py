@@ -6,7 +6,7 @@ from itertools import chain, pairwise
 import numpy as np
 
 from ..errors import InputError, named_error
-from ..mesh.as_built import Row, as_built
+from ..mesh.as_built import OF_WAVE, Row, as_built
 from ..mesh.hexahedral import mapped, subdivided, swept
 from ..mesh.hexahedral.mapped import Builder, NotMapped
 from ..mesh.mesh import Mesh, edge_lengths
@@ -31,6 +31,7 @@ LINEAR_EDGE = 0.6  # of linear zones where a law needs them, over that of quadra
 FINER_EDGE = 0.63  # the same for edges of tetrahedra
 SOFT = 0.3  # S speed over that of the ground beneath: docs/quality/verification.md
 SHARP = 0.015  # of an edge: tolerance of tetrahedra where the usual one bends planes
+RELIEF = 0.4 * OF_WAVE  # of the shortest wavelength, of tetrahedra to a survey and to corners
 LISTED = 3  # rows of a survey in a sentence
 SIZED = ("layers", "refinements")  # parts of the mesh with edges of their own
 TETRAHEDRA = {True: 3.0, False: 10.0}  # edges per wavelength of quadratic and of linear ones
@@ -120,7 +121,7 @@ def _tetrahedra(project, asked, wave, reason):
     wrong = ""
     for tolerance in (parts.tolerance_m,) if given else (None, sharp):
         cut = parts.model_copy(update={"tolerance_m": tolerance})
-        mesh = make_mesh(cut, materials, folder, project.surface)
+        mesh = make_mesh(cut, materials, folder, project.surface, relief=RELIEF * wave)
         rows = as_built(mesh, asked, wave)
         wrong = differences(rows)
         if not wrong:

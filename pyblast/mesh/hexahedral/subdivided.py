@@ -24,6 +24,7 @@ EDGES = np.array([[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]])  # of a tetra
 OPPOSITE = np.array([[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]])  # corners of its faces
 ORDERS = (2, 3, 4)
 TWICE = 2.0  # edge of tetrahedra over that of their hexahedra
+RELIEF = 0.015  # over that, of the surface to the survey and to corners: 0.008 wavelengths each
 POOR = 0.03  # share of zones that are smoothed with their neighbours
 TRIALS = (1.0, 0.93, 0.86, 0.8)  # factors on the edges, until no sliver sets the step
 GOOD = 30.0  # work times the wanted edge over the nodes; 4 for cubes of order 3
@@ -57,6 +58,7 @@ def _cut(geometry, sizes, order, lines):
         geometry.box, layers, geometry.joint_sets, geometry.faults, edge=edge,
         surface=geometry.surface, tolerance=SAME * edge,
         refinements=[(part.box, TWICE * part.edge) for part in lines or ()],
+        relief=RELIEF * float(min(sizes)),
     )  # fmt: skip
     points, zones, surfaces = subdivide(cut)
     points = _smoothed(points, zones, np.tile(cut.zone_group, 4), surfaces, edge)
