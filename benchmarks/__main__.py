@@ -19,7 +19,6 @@ from pyblast.project.result import write_text
 from . import (
     accuracy,
     case,
-    coverage,
     cuts,
     edges,
     kernels,
@@ -52,7 +51,6 @@ PARTS = {
     "superposition": superposition,
     "cuts": cuts,
     "single": single,
-    "coverage": coverage,
     "waves": waves,
     "waits": waits,
 }

@@ -11,12 +11,8 @@ DOCS = Path(__file__).resolve().parents[1] / "docs"
 PAGE, FIGURE = DOCS / "quality" / "searches.md", DOCS / "figures" / "searches.png"
 LABELS = {
     "random": ("random, the baseline", "black"),
-    "sobol": ("Sobol sequence", "0.6"),
     "paper": ("paper's annealing", "tab:red"),
     "paper_eq15": ("the same by its eq. (15)", "tab:orange"),
-    "adaptive": ("adaptive annealing", "tab:brown"),
-    "evolution": ("differential evolution", "tab:green"),
-    "surrogate": ("Gaussian process", "tab:blue"),
     "levenberg": ("Gauss-Newton (Levenberg)", "tab:purple"),
 }
 TITLES = {"paper": "The paper's misfit", "waveform": "Waveform least squares"}
@@ -52,10 +48,7 @@ of the ranges.
 | name | what it does |
 |---|---|
 | `paper`, `paper_eq15` | the paper's annealing, T0 = 1000 or F_max − F_min |
-| `random`, `sobol` | do not use earlier runs |
-| `adaptive` | Metropolis steps, one in five accepted, temperature from first misfits, restarts |
-| `evolution` | scipy's differential evolution, 16 members, a generation at once, no polishing |
-| `surrogate` | Gaussian process of the log misfit, expected improvement, batches of eight |
+| `random` | does not use earlier runs |
 | `levenberg` | damped Gauss–Newton on residuals, differences in one batch, Broyden updates |
 """
 MIDDLE = 20.0  # mean distance of even truths in the inner 80 % from the middle, % of the ranges

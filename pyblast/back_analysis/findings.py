@@ -3,10 +3,8 @@
 import math
 
 import numpy as np
-from scipy import stats
 
 from ..errors import Finding
-from ..inference.covariance import PRIORS
 from ..inference.global_search import PAPER, paper, paper_eq15, random_search
 from ..inference.parameter import Problem
 from ..inference.records import band_functions
@@ -14,6 +12,7 @@ from ..project.checks_ground import near_source
 from ..project.places import source_names
 from ..signals.comparison import in_common
 from ..solver.injection import near_receivers
+from .fit import ENOUGH, HALF, LACK
 from .parameters import blasts_of, chosen_records
 from .trials import band_of
 from .waveforms import window_of
@@ -23,7 +22,7 @@ NUMBERS = 6  # PPV and dominant frequency of three components
 REPEATS = 300
 RISES = (10.0, 50.0)  # % of misfit
 METHODS = {"temperature of 1000": paper, "equation 15": paper_eq15, "random": random_search}
-RARE = 0.01  # prior probability of a larger level
+STRAINED = 3.0  # prior deviations of a held property that are said
 FROM_THE_MIDDLE = ("levenberg", "paper")  # methods that start there
 REVERSED = -0.7  # correlation with the simulation that indicates reversed polarity
 
@@ -171,14 +170,18 @@ def findings_of_fit(result) -> list[Finding]:
     ----------
     result : BackAnalysis
     """
-    return [*_unmoved(result), *_at_bounds(result), *_large_errors(result), *_reversed(result)]
+    return [
+        *_unmoved(result), *_at_bounds(result), *_not_converged(result), *_lacking(result),
+        *_reversed(result),
+    ]  # fmt: skip
 
 
 def _unmoved(result):
     """D34: a search that ended before it left its start."""
     trace = result.trace
     differences = len(result.target.parameters) if result.method == "levenberg" else 0
-    if result.method in FROM_THE_MIDDLE and trace.best <= differences:
+    ended = result.fit is None and len(trace.misfits)
+    if ended and result.method in FROM_THE_MIDDLE and trace.best <= differences:
         yield Finding(
             "D34",
             "The search has not left its start",
@@ -197,43 +200,83 @@ def _at_bounds(result):
         for parameter, end in ends.items()
         if end and parameter.name not in result.unidentifiable
     ]
-    if listed:
-        yield Finding(
-            "D31",
-            "A value lies at a bound",
-            f"{'; '.join(listed)}. The range limits the value, not the records: widen the range.",
-        )
-
-
-def _large_errors(result):
-    """D32: inferred levels of the model error that are improbable under their prior."""
-    if result.target.waveforms is None:
+    if not listed:
         return
-    ratios = {name: level / PRIORS[name].level for name, level in result.plan.levels.items()}
-    large = {name: ratio for name, ratio in ratios.items() if ratio > _highest(PRIORS[name].weight)}
-    if large:
-        listed = ", ".join(f"{name} {ratio:.1f}" for name, ratio in large.items())
-        yield Finding(
-            "D32",
-            "The residual needs an improbably large model error",
-            f"Inferred level over its reference: {listed}. With errors this large nearly any model "
-            "fits: a misfit near 1 proves little, and parameters compensate for what is wrong. "
-            "Check polarity, gain, clock and position of the receivers; `pyblast diagnose` "
-            "distinguishes these causes.",
-            numbers=large,
+    fit = result.fit
+    if fit is not None and (fit.lacking or not fit.converged):
+        why = (
+            "D44 says that the model lacks something, and a value then runs away to stand for it: "
+            "find what is lacking before another range"
+            if fit.lacking
+            else "the search has not ended (D43), so this says little yet"
         )
+    else:
+        why = (
+            "Either the range is too narrow, or the value stands for something that the model "
+            "lacks: widen the range only where such a value is possible in this ground"
+        )
+    yield Finding("D31", "A value lies at a bound", f"{'; '.join(listed)}. {why}.")
 
 
-def _highest(weight):
-    """Return the ratio of a level to its reference that the prior exceeds with `RARE`."""
-    return float(np.sqrt(weight / stats.chi2.ppf(RARE, weight)))
+def _not_converged(result):
+    """D43: a fit whose last step was not small, or that explains less than half of the energy."""
+    fit = result.fit
+    if fit is None or (fit.converged and fit.remaining < HALF):
+        return
+    numbers = {"last_step": fit.last_step, "remaining": fit.remaining, "runs": float(fit.runs)}
+    steps = (
+        f"the next step would be {fit.last_step:.2g} standard deviations of a value, and it counts "
+        f"as ended below {ENOUGH:g}"
+        if not fit.converged
+        else f"{100.0 * fit.remaining:.0f} % of the energy of the records is not explained"
+    )
+    yield Finding(
+        "D43",
+        "The search has not converged",
+        f"After {fit.runs} runs and {fit.starts} starts {steps}. Do not use values and intervals. "
+        "A larger back_analysis.runs goes on from here; where that does not help, start nearer: "
+        "correct the speeds in the project file from first arrivals, or leave out receivers whose "
+        "motion is late by more than half a period.",
+        numbers=numbers,
+    )
+
+
+def _lacking(result):
+    """D44: learned model error beyond what good ground and mesh explain."""
+    fit = result.fit
+    if fit is None or not fit.lacking:
+        return
+    names, pulls = fit.names, fit.posterior.pulls
+    held = [n for n in range(len(names)) if n not in fit.sought]
+    worst = max(held, key=lambda n: abs(pulls[n]))
+    share = 100.0 * float(np.median(fit.posterior.remaining))
+    strained = (
+        f" {names[worst]} would have to lie {abs(pulls[worst]):.1f} prior deviations from the "
+        "project file."
+        if abs(pulls[worst]) > STRAINED
+        else ""
+    )
+    file = result.target.projects[0].path.name
+    yield Finding(
+        "D44",
+        "The model lacks something that the records show",
+        f"The error that is learned from the residual takes {100.0 * fit.posterior.level:.2g} % of "
+        f"the energy of the records; where ground and sources are as in the model it is below "
+        f"{100.0 * LACK:g} %. Above the noise before the blast {share:.2g} % remain at the median "
+        f"receiver.{strained} Values then stand for what is lacking, and their intervals need not "
+        f"hold the truth: none is called well constrained. `pyblast diagnose {file}` asks what is "
+        "lacking: a closure, slip, another joint, a layer, attenuation, a mistake at a receiver.",
+        numbers={"level": fit.posterior.level, "pull": float(pulls[worst])},
+    )
 
 
 def _reversed(result):
     """D33: components that correlate negatively with the simulation."""
     numbers = {}
     for project in result.target.projects:
-        confirmed = result.confirmed[project.path.name]
+        confirmed = result.confirmed.get(project.path.name)
+        if confirmed is None:
+            continue
         for receiver, record in confirmed.recorded.items():
             values = _correlation(record, confirmed.simulated[receiver], band_of(project))
             for component, value in zip(record.components, values, strict=True):

@@ -35,7 +35,7 @@ class FisherInformation:
     ----------
     matrix : (n, n) float64
         ``J^T J`` of whitened changes of the data by one prior standard deviation of each
-        parameter; theory.md (12.7).
+        parameter; theory.md (12.3).
     """
 
     matrix: np.ndarray
@@ -110,7 +110,7 @@ class Sensitivities:
 
         Notes
         -----
-        theory.md (12.7): the model error is that of (7.13), independent between receivers but for
+        theory.md (12.3): the model error is that of (7.13), independent between receivers but for
         the source spectrum of a blast and the gain of a receiver.
         """
         blasts, receivers = list(blasts), list(receivers)
@@ -166,7 +166,7 @@ def _of_receivers(noise, receivers):
 def centre(unit, information):
     """Return the posterior mean in the unit cube where the data alone estimate ``unit``, (n,).
 
-    Where the data constrain little, the uniform prior shrinks it to the middle; theory.md (12.8).
+    Where the data constrain little, the uniform prior shrinks it to the middle; theory.md (12.4).
     """
     shrinkage = information.covariance @ information.matrix
     return np.clip(0.5 + shrinkage @ (np.asarray(unit) - 0.5), 0.0, 1.0)

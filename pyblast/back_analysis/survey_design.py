@@ -101,12 +101,13 @@ def survey_receivers(projects, in_survey, apart) -> list[SurveyReceiver]:
 
 def _grid(project):
     """Return the points of the candidate grid on surface "top", outside the absorbing layer."""
-    mesh, layer = project.mesh, project.absorbing_layer
+    mesh = project.mesh
     if "top" not in mesh.surfaces:
         return []
     corners = mesh.points[np.unique(mesh.surfaces["top"])]
-    if mesh.layer is not None:
-        corners = corners[mesh.layer.depths(corners).max(axis=1) <= 0.0]
+    corners = corners[~_damped(project, corners)]
+    if not len(corners):
+        return []
     low, high = corners[:, :2].min(axis=0), corners[:, :2].max(axis=0)
     counts = project.config.back_analysis.candidate_grid
     axes = [low[k] + (np.arange(n) + 0.5) / n * (high[k] - low[k]) for k, n in enumerate(counts)]
@@ -117,9 +118,18 @@ def _grid(project):
                 point = on_ground(mesh, (float(x), float(y)))
             except InputError:  # the surface does not fill its rectangle
                 continue
-            if layer is None or not layer.alpha(np.array([point]), 1.0).any():
-                points.append(point)
-    return points
+            points.append(point)
+    return [point for point in points if not _damped(project, [point])[0]]
+
+
+def _damped(project, positions):
+    """Tell which positions (n, 3) lie in the absorbing layer of the elements of a project."""
+    positions, layer = np.asarray(positions, dtype=float), project.absorbing_layer
+    if project.mesh.layer is not None:
+        return project.mesh.layer.depths(positions).max(axis=1) > 0.0
+    if layer is not None:
+        return layer.alpha(positions, 1.0) > 0.0
+    return np.zeros(len(positions), dtype=bool)
 
 
 def with_receivers(project: Project, receivers) -> Project:
@@ -268,14 +278,18 @@ class SurveyDesign:
         """Return how well a parameter is constrained: well, partly, hardly, or not identifiable."""
         if self.parameters[number].name in self.why:
             return "not identifiable"
-        ratio = self.information.ratios[number]
-        return "well" if ratio < WELL else "partly" if ratio < PARTLY else "hardly"
+        return constraint_of(float(self.information.ratios[number]))
 
     @property
     def trade_offs(self) -> list[tuple[str, str, float]]:
         """Pairs of parameters with a strong posterior correlation, by path."""
         path = [parameter.name for parameter in self.parameters]
         return [(path[i], path[j], rho) for i, j, rho in self.information.trade_offs()]
+
+
+def constraint_of(ratio: float) -> str:
+    """Return how well a ratio of posterior to prior standard deviation constrains a parameter."""
+    return "well" if ratio < WELL else "partly" if ratio < PARTLY else "hardly"
 
 
 def survey_design_at(

@@ -62,19 +62,6 @@ class Target:
         return used_records(project, self.receivers)
 
 
-def waveforms_of(target: Target) -> Waveforms:
-    """Return the waveform data of a target.
-
-    Raises
-    ------
-    InputError
-        If its misfit is another.
-    """
-    if target.waveforms is None:
-        raise InputError(f"back_analysis.misfit: must be 'waveform', got {target.misfit!r}")
-    return target.waveforms
-
-
 def evaluate(target: Target, points) -> list[dict]:
     """Simulate points (m, n) and return their misfits, as rows of the log.
 
@@ -82,7 +69,7 @@ def evaluate(target: Target, points) -> list[dict]:
     -------
     list of dict
         ``misfit``, infinite where a run failed, with the reason in ``error``; its ``residuals``,
-        of waveforms before whitening, none where a run failed or the misfit has none;
+        none where a run failed or the misfit has none;
         ``simulated`` with ``ppv`` in m/s and ``frequency`` in Hz by blast and receiver;
         ``wall_seconds``.
     """
@@ -107,12 +94,11 @@ def evaluate(target: Target, points) -> list[dict]:
 def misfit_of(target: Target, motions) -> tuple[float, np.ndarray]:
     """Return the mean misfit over blasts and receivers of simulated motions, one dict a blast.
 
-    Also the residuals of all of them, (n,), none where the misfit has none; of waveforms before
-    whitening.
+    Also the residuals of all of them, (n,), none where the misfit has none. Of waveforms it is the
+    share of the energy of the records that is not explained.
     """
     if target.waveforms is not None:
-        residuals = target.waveforms.residuals(motions)
-        return target.waveforms.whitened(residuals)[0], residuals
+        return target.waveforms.remaining(motions), np.zeros(0)
     misfits, residuals = zip(
         *(
             misfit_to(target.misfit, record, simulated[name], band_of(project))
@@ -253,26 +239,15 @@ class Trials:
 
     def __call__(self, points) -> np.ndarray:
         """Return the misfits (m,) of points (m, n), from the log or from runs."""
-        return np.array([self._measured(row)[0] for row in self._rows(points)])
+        return np.array([row["misfit"] for row in self._rows(points)])
 
     def vectors(self, points) -> tuple[np.ndarray, np.ndarray]:
         """Return misfits (m,) and residuals (m, k), infinite where a run failed."""
         rows = self._rows(points)
         failed = np.full(max(1, *(len(row["residuals"]) for row in self.log.rows)), math.inf)
-        measured = [self._measured(row) for row in rows]
-        residuals = np.array([vector if len(vector) else failed for _, vector in measured])
-        return np.array([misfit for misfit, _ in measured]), residuals
-
-    def misfits(self) -> np.ndarray:
-        """Return the misfits of all evaluations with the present covariance."""
-        return np.array([self._measured(row)[0] for row in self.log.rows[: self.count]])
-
-    def _measured(self, row):
-        """Return misfit and residuals of a row; waveforms with the present covariance."""
-        waves = self.target.waveforms
-        if waves is None or not len(row["residuals"]):
-            return row["misfit"], row["residuals"]
-        return waves.whitened(np.array(row["residuals"]))
+        vectors = [row["residuals"] for row in rows]
+        residuals = np.array([vector if len(vector) else failed for vector in vectors])
+        return np.array([row["misfit"] for row in rows]), residuals
 
     def _rows(self, points):
         """Return the rows of points (m, n), evaluated and logged if they are not in the log."""
@@ -280,10 +255,7 @@ class Trials:
         side = self.target.batch
         jobs = [points[first : first + side] for first in range(0, len(points), side)]
         begins = self.count + side * np.arange(len(jobs))
-        ready = [
-            self._known(begin, job) or self._repeated(job)
-            for begin, job in zip(begins, jobs, strict=True)
-        ]
+        ready = [self._known(begin, job) for begin, job in zip(begins, jobs, strict=True)]
         if self.executor is not None:
             ready = [
                 self.executor.submit(evaluate, self.target, job) if rows is None else rows
@@ -325,16 +297,6 @@ class Trials:
                     "which had another number of runs or version; start anew with --fresh"
                 )
         return rows if len(rows) == len(job) else None
-
-    def _repeated(self, job):
-        """Return the rows of a job whose points were all run before."""
-        before = {tuple(row["values"]): row for row in self.log.rows}
-        rows = [before[tuple(point)] for point in job.tolist() if tuple(point) in before]
-        if len(rows) < len(job):
-            return None
-        copied = ("misfit", "residuals", "simulated", "error")
-        again = [{name: row[name] for name in copied if name in row} for row in rows]
-        return [row | {"wall_seconds": 0.0} for row in again]
 
     @staticmethod
     def _numbered(begin, job, rows):

@@ -1,18 +1,13 @@
 """Records of a back-analysis on one sampling: covariance of residuals, fit of a moment rate."""
 
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
-from ..config.section import number_paths, value_at
 from ..errors import InputError, PyblastError
-from ..inference.error_model import mesh_error
-from ..inference.likelihood import Gaussian, InferredLevels, Likelihood
 from ..inference.records import Noise, Records, band_functions, check_sampling, gather, noise_of
-from ..project.elements import convergence
+from ..project.elements import edge_factor, refined
 from ..project.inputs import input_band
-from ..project.project import Project, vary
 from ..signals.seismogram import Seismogram
 from .parameters import simulate
 
@@ -43,76 +38,38 @@ class Window:
 
 @dataclass(frozen=True, eq=False)
 class Waveforms:
-    """Waveform data of a back-analysis: records and the likelihood of their residuals.
+    """Waveform data of a back-analysis.
 
     Parameters
     ----------
     window : Window
-    likelihood : Likelihood
-        Gaussian, of noise and model error.
-    mesh_error_missing : str
-        Why the mesh error is not part of the covariance; empty where it is.
+    records : Records
+        On the sampling of the window.
     """
 
     window: Window
-    likelihood: Likelihood
-    mesh_error_missing: str = ""
+    records: Records
 
-    @property
-    def records(self) -> Records:
-        """The records on the sampling of the window."""
-        return self.likelihood.records
+    def remaining(self, motions) -> float:
+        """Return the share of the energy of the records that motions leave, one dict a blast."""
+        return remaining(self.records, sampled_motion(motions, self.records.receivers, self.window))
 
-    def residuals(self, motions) -> np.ndarray:
-        """Return records less simulated motions, one dict a blast, in the band, (n,)."""
-        simulated = sampled_motion(motions, self.records.receivers, self.window)
-        return self.records.band.project(self.records.motion - simulated).ravel()
 
-    def motion_of(self, residuals) -> np.ndarray:
-        """Return residuals (..., n) as motion (..., n_blasts, n_receivers, 3, n_samples), m/s."""
-        band = self.records.band
-        shape = *np.shape(residuals)[:-1], *self.records.motion.shape[:3], band.n_functions
-        return band.restore(np.reshape(residuals, shape))
+def remaining(records: Records, motion) -> float:
+    """Return the share of the energy of records in their band that a motion leaves.
 
-    def whitened(self, residuals) -> tuple[float, np.ndarray]:
-        """Return the misfit of residuals (n,), and these whitened.
-
-        Notes
-        -----
-        theory.md (7.17): the sum of squares of the whitened residuals over the number of data.
-        """
-        white = self.likelihood.whiten(self.motion_of(residuals))
-        n_data = self.likelihood.covariance.n_data
-        return float(self.likelihood.misfit(white)) / n_data, white.ravel()
-
-    def with_model_error(self, residuals, mesh_errors=(), fitted=(), missing="") -> "Waveforms":
-        """Return the waveforms with the covariance of noise and model error at a simulation.
-
-        Parameters
-        ----------
-        residuals : (n,) float64
-            Of the simulation.
-        mesh_errors : sequence of (n_blasts, n_receivers, 3, n_samples) float64, m/s
-        fitted : (n_parameters, n) float64
-            Change of the residuals by one prior standard deviation of each parameter.
-        missing : str
-            Why there is no mesh error.
-
-        Notes
-        -----
-        theory.md (7.13) to (7.19).
-        """
-        records = self.records
-        recorded = replace(records, motion=records.in_band(records.motion))
-        simulated = recorded.motion - self.motion_of(residuals)
-        error = InferredLevels(self.motion_of(fitted) if len(fitted) else ())
-        covariance = error.covariance(recorded, simulated, mesh_errors)
-        likelihood = replace(self.likelihood, covariance=covariance)
-        return replace(self, likelihood=likelihood, mesh_error_missing=missing)
+    Parameters
+    ----------
+    records : Records
+    motion : (n_blasts, n_receivers, 3, n_samples) float, m/s
+    """
+    recorded = records.band.project(records.motion)
+    missed = recorded - records.band.project(motion)
+    return float(np.sum(missed**2) / np.sum(recorded**2))
 
 
 def make_waveforms(projects, records, rms=None) -> Waveforms:
-    """Resample records to one sampling, and build the likelihood of their residuals.
+    """Resample records to one sampling, with their noise.
 
     Parameters
     ----------
@@ -128,12 +85,6 @@ def make_waveforms(projects, records, rms=None) -> Waveforms:
     ------
     InputError
         If a record has too little before the first firing, or too few samples for the band.
-
-    Notes
-    -----
-    Before the first run the model error has the waveform of the records, with the reference levels
-    of theory.md (7.19). This suffices to find the region of the minimum; within it, it favours too
-    much damping, so `update_covariance` takes the waveform of the best simulation later.
     """
     window = window_of(projects)
     names = tuple(dict.fromkeys(name for blast in records for name in blast))
@@ -156,8 +107,7 @@ def make_waveforms(projects, records, rms=None) -> Waveforms:
         noise = recorded_noise(projects, records, names, window)
     band = band_functions(window.n_samples, window.dt, window.band, valid)
     blasts = tuple(project.path.name for project in projects)
-    data = Records(blasts, names, window.dt, motion, valid, band, noise)
-    return Waveforms(window, Likelihood(data, InferredLevels().covariance(data), Gaussian()))
+    return Waveforms(window, Records(blasts, names, window.dt, motion, valid, band, noise))
 
 
 def _refuse_empty(projects, records, names, valid):
@@ -247,31 +197,7 @@ def recorded_noise(projects, records, receivers, window) -> Noise:
     return noise_of(windows, window.dt, window.band)
 
 
-COARSER = 1.5  # ratio of the edges of the coarser mesh to those of the working mesh
-EDGES = {"edge_m": COARSER, "edges_per_wavelength": 1.0 / COARSER}
-
-
-def coarser(project: Project) -> Project:
-    """Return a project whose mesh has edges 1.5 times as long.
-
-    Raises
-    ------
-    InputError
-        If its mesh is a file or a regular grid.
-    """
-    mesh, name = project.config.mesh, project.path.name
-    for key in ("file", "grid_cells"):
-        if getattr(mesh, key) is not None:
-            raise InputError(
-                f"{name}: mesh.{key}: such a mesh can't be made coarser; give mesh.edge_m"
-            )
-    factors = {
-        path: EDGES[path.rpartition(".")[-1]]
-        for path in number_paths(project.config)
-        if path.startswith("mesh.") and path.rpartition(".")[-1] in EDGES
-    }
-    edges: dict[str, Any] = {path: value_at(project.config, path) for path in factors}
-    return vary(project, {path: edges[path] * factor for path, factor in factors.items()})
+COARSER = 5.0  # error of the coarser mesh over that of the working mesh
 
 
 def mesh_errors_of(projects, motion, receivers, window, prepare=lambda _, other: other):
@@ -298,18 +224,22 @@ def mesh_errors_of(projects, motion, receivers, window, prepare=lambda _, other:
     -----
     theory.md (7.15).
     """
-    motions, order = [], 2.0
+    motions, ratio = [], COARSER
     for project in projects:
         try:
-            other = coarser(project)
-            if project.mesh.hexahedral:
-                order = convergence(project.mesh.order)
-                if len(other.mesh.zones) == len(project.mesh.zones):
-                    return (), "the mesh error is not estimated: the grid is too small to coarsen"
+            mesh = refined(project, COARSER)
+            if mesh is None:
+                return (), "the mesh error is not estimated: a mesh that is given is not coarsened"
+            other = project.changed(mesh=mesh)
+            if len(other.mesh.zones) == len(project.mesh.zones):
+                return (), "the mesh error is not estimated: the grid is too small to coarsen"
+            if not project.mesh.hexahedral:
+                ratio = edge_factor(COARSER) ** 2.0
             motions += simulate(prepare(project, other), (), [()])
         except PyblastError as error:
             return (), f"the mesh error is not estimated: {error}"
-    return (mesh_error(motion, sampled_motion(motions, receivers, window), COARSER, order),), ""
+    coarse = sampled_motion(motions, receivers, window)
+    return ((motion - coarse) / (1.0 - ratio),), ""
 
 
 PER_KNOT = 2  # samples between the knots of the splines

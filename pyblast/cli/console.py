@@ -354,34 +354,37 @@ def show_search(
     result: "BackAnalysis", folder: Path, slip: Sequence[str], findings: "Iterable[Finding]"
 ) -> None:
     """Print the values of a back-analysis, their fit and uncertainty, and its findings."""
-    from ..report.back_analysis import posterior_lines, summarise_posterior
+    from ..report.back_analysis import fit_lines
     from ..report.survey_design import summarise_survey
+    from ..workflows.back_analysis import summarise_fit
 
-    table = _table("parameter", "from", "to", "best")
-    for parameter in result.target.parameters:
-        value = f"{result.best[parameter.name]:.4g}"
+    table = _table("parameter", "from", "to", "best", "90 % interval", "constrained")
+    for n, parameter in enumerate(result.target.parameters):
+        within, value = result.within(n), f"{result.best[parameter.name]:.4g}"
         table.add_row(
             parameter.name, f"{parameter.low:g}", f"{parameter.high:g}",
             "-" if parameter.name in result.unidentifiable else value,
+            "-" if within is None else "{:.4g} to {:.4g}".format(*within), result.constraint(n),
         )  # fmt: skip
     _out.print(table)
-    show_identifiability(summarise_survey(result.plan))
-    posterior = summarise_posterior(result.posterior, result.target.parameters)
-    for line in [*posterior_lines(posterior), *slip]:
+    if result.plan is not None:
+        show_identifiability(summarise_survey(result.plan))
+    for line in [*fit_lines(result.fit and summarise_fit(result.fit)), *slip]:
         say(line)
     for blast, confirmed in result.confirmed.items():
         for name, comparison in confirmed.comparisons.items():
             say(f"{blast}, {name}, recorded and simulated:")
             show_comparison(comparison, result.target.misfit == "paper")
     show_findings(findings)
+    for line in result.missing:
+        say(f"not computed: {line}")
     trace = result.trace
-    say(
-        f"misfit '{result.target.misfit}' {trace.misfits[trace.best]:.3g} in run {trace.best + 1} "
-        f"of {len(trace.misfits)} of the search, {result.misfit:.3g} in the full run that "
-        "confirmed it"
-    )
-    if posterior is not None and not posterior["failure"]:
-        say("use the medians and intervals of the posterior instead of those of the search")
+    if result.fit is None:
+        say(
+            f"misfit '{result.target.misfit}' {trace.misfits[trace.best]:.3g} in run "
+            f"{trace.best + 1} of {result.runs} of the search, {result.misfit:.3g} in the full run "
+            "that confirmed it"
+        )
     say(f"results: {folder}")
     say(f"report:  {folder / 'report.html'}")
 

@@ -66,16 +66,33 @@ class BackAnalysisConfig(Section):
     """Back-analysis: parameters, records, method."""
 
     method: Name = DEFAULT_METHOD
-    misfit: Name = "paper"
-    runs: Count = 21
+    misfit: Name = "waveform"
+    runs: Count = 60
     seed: Annotated[int, Field(ge=0)] = 0
     receivers: list[Name] = Field([])
     blasts: list[Name] = Field([])
-    posterior: bool = False
     noise_mm_per_s: Positive | None = None
     candidate_grid: Annotated[list[Count], Field(min_length=2, max_length=2)] = Field([5, 4])
     candidate_blasts: list[Name] = Field([])
     parameters: Annotated[list[ParameterConfig], Field(min_length=1)]
+
+
+class PriorsConfig(Section):
+    """Priors: standard deviations of what a project file states and nobody looks for."""
+
+    speed_percent: NotNegative = 2.0
+    density_percent: NotNegative = 3.0
+    stiffness_percent: NotNegative = 30.0
+    inverse_q: NotNegative = 0.002
+    thickness_m: NotNegative = 0.3
+    dip_deg: NotNegative = 1.0
+    dip_direction_deg: NotNegative = 2.0
+    plane_m: NotNegative = 0.5
+    receiver_m: NotNegative = 0.3
+    clock_ms: NotNegative = 0.12
+    trigger_ms: NotNegative = 0.15
+    firing_ms: NotNegative = 0.12
+    amplitude_percent: NotNegative = 3.0
 
 
 Ends = Annotated[list[NotNegative], Field(min_length=2, max_length=2)]
@@ -347,6 +364,7 @@ class Config(Section):
     air_blast: AirBlastConfig | None = None
     receivers: list[ReceiverConfig] = Field([])
     run: RunConfig
+    priors: PriorsConfig = PriorsConfig()
     back_analysis: BackAnalysisConfig | None = None
     delays: DelaysConfig | None = None
     diagnosis: DiagnosisConfig | None = None

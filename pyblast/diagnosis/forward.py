@@ -18,7 +18,7 @@ from ..project.inputs import make_input
 from ..project.places import on_ground, placed_again, refuse_outside
 from ..project.project import Project
 from ..runs.greens import LINEAR_ZONE_LAWS, PointSource, greens_functions
-from ..runs.parallel import CachedRun, run_all
+from ..runs.parallel import CachedRun, is_single, run_all
 from ..signals.seismogram import Seismogram
 from .case import Case
 from .trusted_shots import with_source
@@ -230,18 +230,9 @@ class Forward:
         )
 
 
-def is_single(model: Model) -> bool:
-    """Tell whether a model is run in single precision: one without a static stage.
-
-    Not on tetrahedra of constant strain, which may yield.
-    """
-    return (model.quadratic or model.mesh.hexahedral) and model.insitu is None
-
-
 def finer_mesh(project: Project):
     """Return the `MeshConfig` of the mesh by which that of a project is corrected, or None."""
-    linear = all(project.materials[name].law.name == "elastic" for name in project.mesh.groups)
-    return refined(project.config.mesh, project.mesh.hexahedral, linear)
+    return refined(project)
 
 
 def geometry(project):

@@ -1,16 +1,15 @@
 """Covariance of residuals: noise and model error, with inferred levels, and its whitening."""
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
 
 import numpy as np
-from scipy import linalg, optimize
+from scipy import linalg
 
 from ..errors import InputError
-from .error_model import Nuisances, mesh_columns, nuisances, scattering
-from .records import Band, Noise, symmetric_root
+from .error_model import Nuisances, mesh_columns, nuisances, scattering, shaped
+from .records import Band, Noise, Records, symmetric_root
 
 SCATTER = "scatter"
 LEVELS = {
@@ -43,7 +42,6 @@ class Whitener:
     groups : tuple of n_columns str
     levels : dict of str to float
         Standard deviation of each group, and of ``scatter``.
-    noise_log_determinant : float
     n_data_each : (n_blasts, n_receivers) int
         Coefficients of each record that carry data; fewer where samples are invalid.
     """
@@ -55,7 +53,6 @@ class Whitener:
     columns: np.ndarray
     groups: tuple[str, ...]
     levels: dict[str, float]
-    noise_log_determinant: float
     n_data_each: np.ndarray
 
     def __post_init__(self):
@@ -105,15 +102,6 @@ class Whitener:
         strength, mixture = linalg.eigh(columns @ columns.T)
         return mixture.T @ columns, np.maximum(strength, 0.0), mixture
 
-    @property
-    def log_determinant(self):
-        """Logarithm of the determinant of the whole covariance, in (m/s)^2n."""
-        return float(
-            self.noise_log_determinant
-            + 2.0 * np.sum(np.log(self.deviation))
-            + np.sum(np.log1p(self._directions[1]))
-        )
-
     def turned(self, residual):
         """Return a residual (..., n_blasts, n_receivers, 3, n_samples) in the turned basis.
 
@@ -161,24 +149,6 @@ class Whitener:
         along = plain @ direction.T
         return np.sum(plain**2, axis=-1) - np.sum(along**2 / (1.0 + strength), axis=-1)
 
-    def log_likelihood(self, residual):
-        """Return the logarithm of the Gaussian density of a residual, (...) float64."""
-        constant = self.n_data * math.log(2.0 * math.pi) + self.log_determinant
-        return -0.5 * (self.chi_square(residual) + constant)
-
-    def scores(self, residual):
-        """Return the posterior mean of each nuisance over its level, (..., n_columns) float64.
-
-        With right levels the scores have the covariance ``I - (I + U U^T)^-1``; theory.md (7.18).
-        """
-        plain = self.turned(residual) / self.deviation
-        direction, strength, mixture = self._directions
-        return (plain @ direction.T / (1.0 + strength)) @ mixture.T
-
-    def with_levels(self, **levels):
-        """Return the whitener with other levels of some groups."""
-        return replace(self, levels={**self.levels, **levels})
-
 
 def whitener(
     noise: Noise,
@@ -211,17 +181,17 @@ def whitener(
     n_receivers, size = len(noise.variance), 3 * band.n_functions
     turns = np.empty((n_blasts, n_receivers, size, size))
     backs, spread = np.empty_like(turns), np.zeros(turns.shape[:3])
-    whole, log_determinant = {}, 0.0
+    whole = {}
     n_data = np.zeros((n_blasts, n_receivers), dtype=int)
     for b, r in np.ndindex(n_blasts, n_receivers):
         gapped = any((b, r, c) in band.gapped for c in range(3))
         if gapped or r not in whole:
-            root, logarithm, rank = _whitening_root(noise.covariance(band, b, r))
+            block = noise.covariance(band, b, r)
+            root, rank = symmetric_root(block, -0.5), np.count_nonzero(np.diag(block) > 0.0)
             if not gapped:
-                whole[r] = root, logarithm, rank
+                whole[r] = root, rank
         else:
-            root, logarithm, rank = whole[r]
-        log_determinant += logarithm
+            root, rank = whole[r]
         n_data[b, r] = rank
         turns[b, r], backs[b, r] = root, np.eye(size)
         if scattering is not None:
@@ -238,14 +208,7 @@ def whitener(
     levels = {name: LEVELS[name] for name in LEVELS if name in used} | (levels or {})
     if scattering is not None and not spread.any():  # no record exceeds its noise
         del levels[SCATTER]
-    return Whitener(band, turns, backs, spread, turned, groups, levels, log_determinant, n_data)
-
-
-def _whitening_root(block):
-    """Return the inverse root of a covariance, the logarithm of its determinant and its rank."""
-    rows = np.flatnonzero(np.diag(block) > 0.0)
-    logarithm = float(np.linalg.slogdet(block[np.ix_(rows, rows)])[1])
-    return symmetric_root(block, -0.5), logarithm, len(rows)
+    return Whitener(band, turns, backs, spread, turned, groups, levels, n_data)
 
 
 def _each(blocks, numbers):
@@ -254,152 +217,8 @@ def _each(blocks, numbers):
     return (blocks @ flat.transpose(1, 2, 3, 0)).transpose(3, 0, 1, 2).reshape(numbers.shape)
 
 
-NORMAL_95 = 1.6448536269514722
-FARTHEST = 12.0
-STEP = 1e-3
-
-
-class Prior(NamedTuple):
-    """Prior of a level: a scaled inverse chi-square density of its square.
-
-    Parameters
-    ----------
-    level : float
-        Standard deviation, in the unit of its group.
-    weight : float
-        Degrees of freedom. The square of the level has the inverse-gamma density of shape
-        ``weight / 2`` and scale ``weight level^2 / 2``.
-    """
-
-    level: float
-    weight: float
-
-
-WEIGHT = 4.0
-PRIORS = {group: Prior(level, WEIGHT) for group, level in LEVELS.items()}
-
-
-class Levels(NamedTuple):
-    """Inferred levels.
-
-    Parameters
-    ----------
-    whitener : Whitener
-        With the most probable levels.
-    intervals : dict of str to (low, high)
-        Of 90 %, from the Hessian in the logarithm of each level.
-    converged : bool
-    """
-
-    whitener: Whitener
-    intervals: dict[str, tuple[float, float]]
-    converged: bool
-
-
-def infer_levels(whitener: Whitener, residual, priors=None, fitted=()) -> Levels:
-    """Infer the levels of nuisances and scattering from a residual: variance components.
-
-    Parameters
-    ----------
-    whitener : Whitener
-        Only its groups matter, not its levels.
-    residual : (n_blasts, n_receivers, 3, n_samples) float, m/s
-    priors : dict of str to Prior, optional
-        Instead of those of ``PRIORS``: 1 ms, 5 % and 0.05 rad, 10 % scattered, each with four
-        degrees of freedom.
-    fitted : (n, n_blasts, n_receivers, 3, n_samples) float, m/s, optional
-        Change by one prior standard deviation of each parameter that was fitted to these records
-        and may have absorbed part of the errors.
-
-    Raises
-    ------
-    InputError
-        If a group has no prior, or its prior is not positive.
-
-    Notes
-    -----
-    Maximum of the marginal likelihood times inverse-gamma priors, over the logarithms of the
-    levels. There the scores of each group have the sum of squares predicted by their covariance,
-    up to the prior; theory.md (7.18), (7.19). Fitted parameters count as nuisances of level one,
-    which makes the likelihood a restricted one (REML).
-    """
-    priors = {**PRIORS, **(priors or {})}
-    names = list(whitener.levels)
-    for name in names:
-        if name not in priors or not min(priors[name]) > 0.0:
-            raise InputError(f"infer_levels.priors.{name}: needs a positive level and weight")
-    if not names:
-        return Levels(whitener, {}, True)
-    members = np.array([names.index(group) for group in whitener.groups], dtype=int)
-    turned = whitener.turned(residual)
-    absorbed = np.array([whitener.turned(change) for change in fitted]).reshape(-1, len(turned))
-    weight, prior = np.array([(priors[n].weight, priors[n].level ** 2) for n in names]).T
-
-    def cost(log_variance):
-        value, slope = _evidence(whitener, turned, absorbed, members, names, log_variance)
-        ratio = prior / np.exp(log_variance)
-        value -= 0.5 * np.sum(weight * (log_variance + ratio))
-        return -value, -(slope - 0.5 * weight * (1.0 - ratio))
-
-    start = np.log(prior)
-    bounds = [(each - FARTHEST, each + FARTHEST) for each in start]
-    best = optimize.minimize(cost, start, jac=True, method="L-BFGS-B", bounds=bounds)
-    hessian = np.empty((len(names), len(names)))
-    for n, step in enumerate(STEP * np.eye(len(names))):
-        hessian[n] = (cost(best.x + step)[1] - cost(best.x - step)[1]) / (2.0 * STEP)
-    value, vector = linalg.eigh(0.5 * (hessian + hessian.T))
-    spread = np.sqrt(np.diag((vector / np.maximum(value, 1e-3)) @ vector.T))
-    levels = dict(zip(names, map(float, np.exp(0.5 * best.x)), strict=True))
-    reach = map(float, np.exp(0.5 * NORMAL_95 * spread))
-    intervals = {
-        n: (level / r, level * r) for (n, level), r in zip(levels.items(), reach, strict=True)
-    }
-    return Levels(whitener.with_levels(**levels), intervals, bool(best.success))
-
-
-def _evidence(whitener, turned, absorbed, members, names, log_variance):
-    """Return the log likelihood, up to a constant, and its gradient by log variances."""
-    variance = np.exp(log_variance)
-    scatter = variance[names.index(SCATTER)] if SCATTER in names else 0.0
-    scattered = scatter * whitener.spread.ravel()
-    deviation = np.sqrt(1.0 + scattered)
-    plain = turned / deviation
-    columns = np.vstack([whitener.columns * np.sqrt(variance[members])[:, None], absorbed])
-    columns = columns / deviation
-    factor = linalg.cholesky(np.eye(len(columns)) + columns @ columns.T, lower=True)
-    half = linalg.solve_triangular(factor, columns, lower=True)
-    along = half @ plain
-    inverse = linalg.solve_triangular(factor, np.eye(len(columns)), lower=True)
-    scores = inverse.T @ along
-    value = -0.5 * (plain @ plain - along @ along) - np.sum(np.log(np.diag(factor)))
-    value -= np.sum(np.log(deviation))
-    excess = scores**2 - 1.0 + np.sum(inverse**2, axis=0)
-    slope = 0.5 * np.bincount(members, excess[: len(members)], minlength=len(names))
-    if SCATTER in names:
-        excess = (plain - scores @ columns) ** 2 - 1.0 + np.sum(half**2, axis=0)
-        slope[names.index(SCATTER)] = 0.5 * np.sum(scattered / deviation**2 * excess)
-    if not math.isfinite(value):
-        raise InputError("infer_levels: the residual is not finite")
-    return float(value), slope
-
-
-def usual_whitener(motion, noise: Noise, band: Band, mesh_errors=()) -> Whitener:
-    """Return the covariance of residuals with the model error of a motion, at reference levels.
-
-    Parameters
-    ----------
-    motion : (n_blasts, n_receivers, 3, n_samples) float, m/s
-    noise : Noise
-    band : Band
-    mesh_errors : sequence of the same shape as the motion, m/s
-        Errors of the mesh, as of `mesh_error`; independent between receivers.
-    """
-    parts, spread = error_columns(motion, band, mesh_errors), scattering(motion, band)
-    return whitener(noise, band, len(motion), nuisances=parts, scattering=spread)
-
-
 def error_columns(motion, band: Band, mesh_errors=()) -> Nuisances:
-    """Return the nuisance columns of a motion, mesh error included; as `usual_whitener`."""
+    """Return the nuisance columns of a motion, mesh error included."""
     parts = nuisances(motion, band)
     if len(mesh_errors):
         errors = np.asarray(mesh_errors, dtype=np.float64)
@@ -407,3 +226,94 @@ def error_columns(motion, band: Band, mesh_errors=()) -> Nuisances:
         alone = alone.reshape(-1, *errors.shape[1:])
         parts += mesh_columns(alone[np.any(alone, axis=(1, 2, 3, 4))], band)
     return parts
+
+
+MEMORY = 0.2  # s, decay time of the power of a coda
+N_PATH = 6  # cosines over log frequency of a transfer error, in and out of phase
+
+
+@dataclass(frozen=True, eq=False)
+class RecordBlocks:
+    """Covariance of the errors of each record by levels: noise, scattering, transfer error, coda.
+
+    Parameters
+    ----------
+    noise : (n_blasts, n_receivers, 3 n_functions, 3 n_functions) float64, (m/s)2
+        One on the diagonal where a function is lost.
+    scatter, path, coda : (n_blasts, n_receivers, 3, n_functions, n_functions) float64, (m/s)2
+        At a level of one: with the energy of the simulated motion of each channel.
+    energy : (n_blasts, n_receivers) float64, (m/s)2
+        Of the records.
+    noise_energy : the same shape
+        Expected of their noise.
+    """
+
+    noise: np.ndarray
+    scatter: np.ndarray
+    path: np.ndarray
+    coda: np.ndarray
+    energy: np.ndarray
+    noise_energy: np.ndarray
+
+    def whiten(self, rows, scatter: float, path: float, coda: float) -> tuple[np.ndarray, float]:
+        """Return rows (k, n_blasts, n_receivers, 3 n_functions) whitened, and the log determinant.
+
+        Parameters
+        ----------
+        rows : array
+        scatter, path, coda : float
+            Levels, in shares of the energy of each channel.
+        """
+        n = self.scatter.shape[-1]
+        errors = scatter * self.scatter + path * self.path + coda * self.coda
+        total = self.noise.copy()
+        for c in range(3):
+            each = slice(c * n, (c + 1) * n)
+            total[..., each, each] += errors[:, :, c]
+        roots = np.linalg.cholesky(total)
+        logarithm = 2.0 * np.sum(np.log(np.diagonal(roots, axis1=-2, axis2=-1)))
+        return _each(np.linalg.inv(roots), rows), float(logarithm)
+
+    def above_noise(self, remaining) -> np.ndarray:
+        """Return the share of the energy of each record that remains above its noise."""
+        energy = np.sum(np.asarray(remaining) ** 2, axis=(-2, -1)) - self.noise_energy
+        return np.maximum(energy, 0.0) / np.maximum(self.energy, np.finfo(float).tiny)
+
+
+def record_blocks(records: Records, motion) -> RecordBlocks:
+    """Build the covariance of the errors of each record around a simulation.
+
+    Parameters
+    ----------
+    records : Records
+    motion : (n_blasts, n_receivers, 3, n_samples) float, m/s
+
+    Notes
+    -----
+    theory.md (7.11), (7.16), (12.5).
+    """
+    band = records.band
+    shape, size = records.motion.shape[:2], 3 * band.n_functions
+    noise = np.array([records.noise.covariance(band, b, r) for b, r in np.ndindex(shape)])
+    noise = noise.reshape(*shape, size, size)
+    power = np.diagonal(noise, axis1=-2, axis2=-1)
+    lost = np.where(power > 0.0, 0.0, 1.0)
+    held, recorded = band.project(motion), band.project(records.motion)
+    energy = np.sum(held**2, axis=-1)
+    parts = shaped(motion, band, range(N_PATH), (1.0, 1j))
+    each = np.maximum(np.sum(parts**2, axis=-1, keepdims=True), np.finfo(float).tiny)
+    parts = parts * np.sqrt(energy[..., None] / each / len(parts))
+    return RecordBlocks(
+        noise + lost[..., None] * np.eye(size),
+        _of_energy(scattering(motion, band), energy),
+        np.einsum("kbrci,kbrcj->brcij", parts, parts),
+        _of_energy(scattering(motion, band, MEMORY), energy),
+        np.sum(recorded**2, axis=(-2, -1)),
+        np.sum(power, axis=-1),
+    )
+
+
+def _of_energy(blocks, energy):
+    """Return covariances of channels with an energy."""
+    trace = np.trace(blocks, axis1=-2, axis2=-1)
+    return blocks * (energy / np.maximum(trace, np.finfo(float).tiny))[..., None, None]

@@ -1,5 +1,6 @@
 """Model error: columns for delay, gain, rotation and source, and scattered motion."""
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -65,14 +66,14 @@ def nuisances(simulated, band: Band) -> Nuisances:
     moved = band.project(-rate)
     held = band.project(simulated)
     turned = np.stack([held[:, :, 1], -held[:, :, 0], 0.0 * held[:, :, 2]], axis=2)
-    shaped = band.project(_shaped(simulated, band))
+    spectra = shaped(simulated, band, range(N_MODES + 1))
     shape = held.shape
     parts = {
         "delay": [_only(moved, channels) for channels in np.ndindex(shape[:2])],
         "gain": [_only(held, channel) for channel in np.ndindex(shape[:3])],
         "receiver": [_only(held, np.s_[:, r]) for r in range(n_receivers)],
         "rotation": [_only(turned, np.s_[:, r]) for r in range(n_receivers)],
-        "source": [_only(part, b) for part in shaped for b in range(n_blasts)],
+        "source": [_only(part, b) for part in spectra for b in range(n_blasts)],
     }
     columns = [column for each in parts.values() for column in each]
     moving = [np.any(column != 0.0) for column in columns]
@@ -90,46 +91,11 @@ def _only(motion, index):
     return column
 
 
-def _shaped(simulated, band):
-    """Return seismograms with their spectrum weighted by cosines over log frequency."""
-    n = simulated.shape[-1]
-    n_padded = fft.next_fast_len(2 * n, real=True)
+def _octave(n, n_padded, band):
+    """Return the place of each frequency in the band, 0 to 1, over the logarithm."""
     frequency = fft.rfftfreq(n_padded, band.dt)
     low = max(band.low, 1.0 / (n * band.dt))
-    octave = np.log(np.clip(frequency, low, band.high) / low) / np.log(band.high / low)
-    spectrum = fft.rfft(simulated, n_padded, axis=-1)
-    return np.array(
-        [
-            fft.irfft(spectrum * np.cos(np.pi * mode * octave), n_padded, axis=-1)[..., :n]
-            for mode in range(N_MODES + 1)
-        ]
-    )
-
-
-def mesh_error(simulated, other, ratio, order=2.0) -> np.ndarray:
-    """Return the error of a mesh from the same motion on another mesh.
-
-    Parameters
-    ----------
-    simulated, other : (...) float
-        On the working mesh and on one whose edges are ``ratio`` times as long.
-    ratio : float
-        Above 1 for a coarser, below 1 for a finer other mesh.
-    order : float
-        Order of convergence.
-
-    Raises
-    ------
-    InputError
-        If the ratio is 1 or not positive.
-
-    Notes
-    -----
-    Richardson: ``(s - s_other) / (1 - ratio^order)``, theory.md (7.15).
-    """
-    if not ratio > 0.0 or ratio == 1.0:
-        raise InputError(f"mesh_error.ratio: must be positive and not 1, got {ratio:g}")
-    return (np.asarray(simulated) - np.asarray(other)) / (1.0 - ratio**order)
+    return np.log(np.clip(frequency, low, band.high) / low) / np.log(band.high / low)
 
 
 def mesh_columns(errors, band: Band) -> Nuisances:
@@ -144,13 +110,15 @@ def mesh_columns(errors, band: Band) -> Nuisances:
 SMOOTHING = 2.0
 
 
-def scattering(simulated, band: Band) -> np.ndarray:
+def scattering(simulated, band: Band, memory: float | None = None) -> np.ndarray:
     """Return the covariance of scattered motion as strong as the simulated motion around it.
 
     Parameters
     ----------
     simulated : (n_blasts, n_receivers, 3, n_samples) float, m/s
     band : Band
+    memory : float, s, optional
+        Decay time of the power of scattered motion after that of the simulation: a coda.
 
     Returns
     -------
@@ -169,7 +137,11 @@ def scattering(simulated, band: Band) -> np.ndarray:
     inside = np.flatnonzero((frequency >= band.low) & (frequency <= band.high))
     middle = np.sqrt(max(band.low, 1.0 / (n * band.dt)) * band.high)
     reach = 0.5 / (middle * band.dt)
-    level = np.sqrt(np.maximum(ndimage.gaussian_filter1d(simulated**2, reach, mode="constant"), 0))
+    level = ndimage.gaussian_filter1d(simulated**2, reach, mode="constant")
+    if memory is not None:
+        decay = np.exp(-np.arange(n) * band.dt / memory)
+        level = fft.irfft(fft.rfft(level, n_padded) * fft.rfft(decay, n_padded), n_padded)[..., :n]
+    level = np.sqrt(np.maximum(level, 0.0))
     power = np.abs(fft.rfft(simulated, n_padded, axis=-1)[..., inside]) ** 2
     width = SMOOTHING / (n * band.dt) / (frequency[1] - frequency[0])
     power = ndimage.gaussian_filter1d(power, width, mode="nearest")
@@ -181,3 +153,174 @@ def scattering(simulated, band: Band) -> np.ndarray:
         waves = fft.rfft(functions, n_padded, axis=0)[inside]
         blocks[channel] = np.real((waves.conj() * power[channel][:, None]).T @ waves)
     return blocks
+
+
+def shift_columns(motion, slopes, band: Band, priors: Mapping[str, float]) -> Nuisances:
+    """Build the columns of trigger, clocks and places of receivers.
+
+    Parameters
+    ----------
+    motion : (n_blasts, n_receivers, 3, n_samples) float, m/s
+    slopes : (2, n_blasts, n_receivers, 3, n_samples) float, 1/s
+        Change of the motion by a move of its receiver to the east and to the north.
+    band : Band
+    priors : mapping of str to float
+        Standard deviations ``trigger`` (of a blast) and ``clock`` (of a receiver) in s,
+        ``receiver`` in m.
+
+    Returns
+    -------
+    Nuisances
+        Columns of one prior standard deviation each.
+    """
+    late = band.project(-np.gradient(np.asarray(motion, dtype=float), band.dt, axis=-1))
+    n_blasts, n_receivers = late.shape[:2]
+    parts = {
+        "trigger": [priors["trigger"] * _only(late, b) for b in range(n_blasts)],
+        "clock": [priors["clock"] * _only(late, path) for path in np.ndindex(late.shape[:2])],
+        "receiver": [
+            priors["receiver"] * _only(held, np.s_[:, r])
+            for held in band.project(slopes)
+            for r in range(n_receivers)
+        ],
+    }
+    return _moving(parts, late.shape)
+
+
+def _moving(parts, shape):
+    """Return the nuisances of groups of columns of a shape, without those that move nothing."""
+    rows = [(group, column) for group, each in parts.items() for column in each]
+    rows = [(group, column) for group, column in rows if np.any(column)]
+    columns = np.array([column for _, column in rows]).reshape(len(rows), *shape)
+    return Nuisances(columns, tuple(group for group, _ in rows))
+
+
+@dataclass(frozen=True, eq=False)
+class Firings:
+    """Firings of a blast with the travel times to each receiver.
+
+    Parameters
+    ----------
+    times : (n_holes,) float64, s
+        After the first one.
+    weights : (n_holes,) float64
+        Amplitude of each hole.
+    late : (n_receivers, n_holes) float64, s
+        Travel time of each hole beyond the mean of all.
+    """
+
+    times: np.ndarray
+    weights: np.ndarray
+    late: np.ndarray
+
+
+WATER = 1e-3  # of the spectrum of all holes in phase, below which a share is not divided out
+
+
+def hole_columns(motion, firings: Sequence[Firings | None], band: Band, deviation: float):
+    """Build the columns of firing times, and the change of all motion by attenuation.
+
+    Parameters
+    ----------
+    motion : (n_blasts, n_receivers, 3, n_samples) float, m/s
+    firings : sequence of Firings or None
+        Of each blast; None where nothing fires hole by hole.
+    band : Band
+    deviation : float, s
+        Prior standard deviation of a firing time.
+
+    Returns
+    -------
+    Nuisances
+        One column for each hole of a blast with several.
+    (n_blasts, n_receivers, 3, n_functions) float64
+        Change of the motion by a unit of 1/Q, counted from the firing of each hole.
+
+    Notes
+    -----
+    theory.md (12.6): without a run, the part of a hole is that of holes which share the path of
+    the blast but for its length.
+    """
+    motion = np.asarray(motion, dtype=float)
+    n = motion.shape[-1]
+    size = fft.next_fast_len(3 * n, real=True)
+    omega = 2.0 * np.pi * fft.rfftfreq(size, band.dt)
+    middle = 2.0 * np.pi * np.sqrt(max(band.low, 1.0 / (n * band.dt)) * band.high)
+    slow = np.log(np.maximum(omega, 1e-9) / middle)
+    loss = -0.5 * omega * (1.0 - 2j / np.pi * slow)
+    times = band.dt * np.arange(n)
+    lost, columns = np.zeros(motion.shape), []
+    for b, (blast, fired) in enumerate(zip(motion, firings, strict=True)):
+        spectrum = fft.rfft(blast, size, axis=-1)
+        shares = [np.ones((len(blast), len(omega)))] if fired is None else _shares(fired, omega)
+        starts = [0.0] if fired is None else fired.times
+        for start, share in zip(starts, shares, strict=True):
+            part = spectrum * share[:, None]
+            since = np.maximum(times - start, 0.0)
+            lost[b] += since * fft.irfft(part * loss, size, axis=-1)[..., :n]
+            if len(shares) > 1:
+                moved = np.zeros(motion.shape)
+                moved[b] = fft.irfft(part * (-1j * omega), size, axis=-1)[..., :n]
+                columns.append(deviation * band.project(moved))
+    lost = band.project(lost)
+    return _moving({"firing": columns}, lost.shape), lost
+
+
+def _shares(fired, omega):
+    """Return the share of each hole in the spectrum at every receiver, (n_holes, n, n_omega)."""
+    late = fired.times[:, None] + fired.late.T
+    parts = fired.weights[:, None, None] * np.exp(-1j * late[..., None] * omega)
+    total = parts.sum(axis=0)
+    floor = WATER * np.sum(np.abs(fired.weights)) ** 2
+    return parts * np.conj(total) / (np.abs(total) ** 2 + floor)
+
+
+def shaped(motion, band: Band, modes: Sequence[int], phases=(1.0,)) -> np.ndarray:
+    """Return motion with its spectrum times cosines over log frequency, in the band.
+
+    Parameters
+    ----------
+    motion : (n_blasts, n_receivers, 3, n_samples) float, m/s
+    band : Band
+    modes : sequence of int
+        Half waves over the band.
+    phases : sequence of complex
+        In phase (1) and out of phase (1j).
+
+    Returns
+    -------
+    (n_modes n_phases, n_blasts, n_receivers, 3, n_functions) float64, m/s
+    """
+    n = np.shape(motion)[-1]
+    n_padded = fft.next_fast_len(2 * n, real=True)
+    octave = _octave(n, n_padded, band)
+    spectrum = fft.rfft(motion, n_padded, axis=-1)
+    return np.array([
+        band.project(
+            fft.irfft(spectrum * np.cos(np.pi * mode * octave) * phase, n_padded, axis=-1)[..., :n]
+        )
+        for mode in modes for phase in phases
+    ])  # fmt: skip
+
+
+def random_slopes(slopes, deviations, band: Band) -> Nuisances:
+    """Build columns of ground that each receiver, and each part of the band, sees otherwise.
+
+    Parameters
+    ----------
+    slopes : (n, n_blasts, n_receivers, 3, n_samples) float
+        Derivatives of the motion by properties of the ground.
+    deviations : (n,) float
+        Prior standard deviation of the difference of each property.
+    band : Band
+
+    Returns
+    -------
+    Nuisances
+        Of group ``ground``: a random slope for each receiver, and three over log frequency.
+    """
+    columns, projected = [], band.project(slopes)
+    for slope, held, deviation in zip(slopes, projected, deviations, strict=True):
+        columns += [deviation * _only(held, np.s_[:, r]) for r in range(held.shape[1])]
+        columns += [*(deviation * shaped(slope, band, (1, 2, 3)))]
+    return _moving({"ground": columns}, projected.shape[1:])

@@ -275,7 +275,7 @@ LEAST_DECREASE = 1e-6  # predicted, as a share of the sum of squares: smaller is
 LEAST_STEP = 1e-5  # in shares of the ranges
 
 
-def levenberg_search(problem: Problem, budget: int, seed: int, start=None) -> Trace:
+def levenberg_search(problem: Problem, budget: int, seed: int) -> Trace:
     """Gauss-Newton search with Broyden updates, from several starts.
 
     Parameters
@@ -285,8 +285,6 @@ def levenberg_search(problem: Problem, budget: int, seed: int, start=None) -> Tr
         once.
     budget : int
     seed : int
-    start : (n,) float64, optional
-        First start in the unit cube, instead of its middle.
 
     Returns
     -------
@@ -303,10 +301,9 @@ def levenberg_search(problem: Problem, budget: int, seed: int, start=None) -> Tr
     theory.md (12.1), (12.2). After convergence it starts again at points of a Sobol sequence.
     """
     if problem.vectors is None:
-        raise InputError("method 'levenberg': needs a misfit that has residuals; take surrogate")
+        raise InputError("method 'levenberg': needs a misfit that has residuals; take random")
     evaluations, n = Evaluations(problem, budget), problem.n_parameters
     steps = evaluations.steps = set[int]()
-    first = np.full(n, 0.5) if start is None else np.asarray(start, dtype=np.float64)
 
     def simulate(x):
         return evaluations.vectors(x[None])[1][0]
@@ -316,7 +313,7 @@ def levenberg_search(problem: Problem, budget: int, seed: int, start=None) -> Tr
 
     squares = LeastSquares(simulate, lambda x, r: _jacobian(evaluations, x, r), low=0.0, high=1.0)
     with suppress(Spent):
-        for x in [first, *sobol_points(n, budget, seed)]:
+        for x in [np.full(n, 0.5), *sobol_points(n, budget, seed)]:
             residual = simulate(x)
             accepted()
             if np.all(np.isfinite(residual)):

@@ -1,7 +1,7 @@
 """Likelihood and misfits: how far simulated motion is from records."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple, Protocol
 
@@ -12,7 +12,7 @@ from scipy.special import logsumexp
 from ..errors import InputError
 from ..signals.seismogram import Seismogram
 from ..signals.spectra import dominant_frequency, envelope_and_phase, lag, wavelet_transform
-from .covariance import SCATTER, Whitener, infer_levels, usual_whitener, whitener
+from .covariance import SCATTER, Whitener, whitener
 from .records import Records
 
 ENERGY_SHARE = 0.01  # of a record's energy: positions, clocks and small heterogeneity
@@ -74,48 +74,11 @@ class EnergyShares:
         return whitener(records.noise, band, len(held), scattering=blocks, levels={SCATTER: 1.0})
 
 
-@dataclass(frozen=True)
-class InferredLevels:
-    """Model error as delays, gains, rotations, source spectra, scattering and mesh error.
-
-    With the waveform of a simulation, and levels inferred from its residual: theory.md (7.13) to
-    (7.19). Without a simulation, the waveform of the records and the reference levels.
-
-    Parameters
-    ----------
-    fitted : (n, n_blasts, n_receivers, 3, n_samples) float64, m/s
-        Changes by one prior standard deviation of each parameter that was fitted to the records.
-    """
-
-    fitted: np.ndarray | tuple = field(default=())
-
-    def covariance(self, records, simulated=None, mesh_changes=()) -> Whitener:
-        """Return the covariance of noise and model error; see `ModelError`."""
-        motion = records.motion if simulated is None else simulated
-        shaped = usual_whitener(motion, records.noise, records.band, mesh_changes)
-        if simulated is None:
-            return shaped
-        return infer_levels(shaped, records.motion - simulated, fitted=self.fitted).whitener
-
-
 class Counts(NamedTuple):
     """Data and effective data of each record, (n_blasts, n_receivers)."""
 
     data: np.ndarray
     effective: np.ndarray
-
-
-@dataclass(frozen=True)
-class Gaussian:
-    """Normal density: the covariance is known."""
-
-    def misfit(self, chi_square, counts: Counts):
-        """Return -2 ln L of each record, but for a constant."""
-        return counts.data * chi_square
-
-    def weights(self, chi_square, counts: Counts):
-        """Return the weights of squares that give the gradient of the misfit."""
-        return np.minimum(counts.data, np.ones_like(chi_square))
 
 
 @dataclass(frozen=True)
@@ -150,12 +113,12 @@ class Likelihood:
     records : Records
     covariance : Whitener
         Of noise and model error.
-    density : Gaussian or StudentT
+    density : StudentT
     """
 
     records: Records
     covariance: Whitener
-    density: Gaussian | StudentT
+    density: StudentT
 
     @property
     def n_data(self) -> np.ndarray:

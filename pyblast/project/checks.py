@@ -82,8 +82,8 @@ def check(project, measure=True, progress=None) -> Check:
     notes = () if project.blast is None else tuple(project.blast.checks())
     tell("mesh", 0, 1)
     if project.comparable:  # refuses records that can't be set beside the motion
-        passed = f", low-passed at {project.low_pass:.3g} Hz like the sources"
-        passed = passed if project.low_pass else ""
+        low = project.low_pass
+        passed = f", low-passed at {low:.3g} Hz like the sources" if low else ""
         notes += (f"Records to compare with: {', '.join(project.comparable)}{passed}.",)
     rows = project.as_built
     tell("check", 0, 1)

@@ -1,5 +1,6 @@
 """Choice of the elements of a project: spectral hexahedra where the ground allows it."""
 
+import math
 from dataclasses import dataclass, replace
 from itertools import chain, pairwise
 
@@ -240,24 +241,33 @@ def _scaled(mesh, factor, **other):
     return scaled(mesh).model_copy(update={**parts, **other})
 
 
-def refined(mesh, hexahedral: bool, linear: bool):
-    """Return a `MeshConfig` with a fraction of the error of another, None where there is none.
+def refined(project, error: float = FINER_ERROR):
+    """Return the `MeshConfig` with another error than that of a project, None if there is none.
+
+    Hexahedra become smaller (or larger) by their rule; edges of tetrahedra are scaled, and zones
+    of a file or a regular grid become quadratic where a smaller error is asked for.
 
     Parameters
     ----------
-    mesh : MeshConfig
-    hexahedral : bool
-        Whether it gives hexahedra, which become smaller by their rule; edges of tetrahedra are
-        shortened, and those of a file or a regular grid given quadratic zones.
-    linear : bool
-        Whether all ground is isotropic, linear and elastic, as quadratic zones need.
+    project : Project
+    error : float
+        Over that of its mesh.
     """
-    if hexahedral:
-        return mesh.model_copy(update={"accuracy": mesh.accuracy * FINER_ERROR})
+    mesh = project.config.mesh
+    if project.mesh.hexahedral:
+        return mesh.model_copy(update={"accuracy": mesh.accuracy * error})
     if mesh.file is not None or mesh.grid_cells is not None:
-        usable = linear and not mesh.quadratic
+        laws = {project.materials[name].law.name for name in project.mesh.groups}
+        usable = error < 1.0 and laws == {"elastic"} and not mesh.quadratic
         return mesh.model_copy(update={"quadratic": True}) if usable else None
-    return _scaled(mesh, FINER_EDGE)
+    factor, top = edge_factor(error), _frequency(project.config)
+    scaled = _scaled(mesh, factor)
+    return scaled if top is None else scaled.model_copy(update={"frequency_hz": top / factor})
+
+
+def edge_factor(error: float) -> float:
+    """Return the factor on the edges of tetrahedra for another error."""
+    return max(error, FINER_ERROR) ** (math.log(FINER_EDGE) / math.log(FINER_ERROR))
 
 
 def _obstacle(config, materials):

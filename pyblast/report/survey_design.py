@@ -160,7 +160,7 @@ def summary_lines(survey) -> list[str]:
 
 def beside_laboratory(row) -> str:
     """Return how the 90 % interval of a parameter compares with its laboratory range."""
-    if row["laboratory"] is None or row["why"]:
+    if row["laboratory"] is None or row["unidentifiable"] or row["within"] is None:
         return ""
     low, high = row["laboratory"]
     if row["within"][1] < low:
@@ -169,7 +169,7 @@ def beside_laboratory(row) -> str:
         return "above the laboratory range"
     return (
         "within the laboratory range"
-        if low <= row["value"] <= high
+        if low <= row["best"] <= high
         else "not distinguishable from the laboratory range"
     )
 

@@ -158,6 +158,14 @@ class CachedRun:
     from_cache: bool
 
 
+def is_single(model: Model) -> bool:
+    """Tell whether a fit runs a model in single precision: one without a static stage.
+
+    Not on tetrahedra of constant strain, which may yield.
+    """
+    return (model.quadratic or model.mesh.hexahedral) and model.insitu is None
+
+
 def cached_run(model: Model, duration: float, folder: str | Path | None = None) -> CachedRun:
     """Run a model, or read the bit-identical run from the cache.
 

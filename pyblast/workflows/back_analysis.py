@@ -9,15 +9,16 @@ from pathlib import Path
 import numpy as np
 
 from ..back_analysis.findings import findings_of_fit, findings_of_table
-from ..back_analysis.parameters import range_of
-from ..back_analysis.search import (
-    BackAnalysis,
-    check_posterior_table,
-    confirm,
-    draw_posterior,
-    make_target,
-    search,
+from ..back_analysis.fit import (
+    WORK_OF_BETTER,
+    Fit,
+    Fitter,
+    Runs,
+    on_mesh_of_band,
+    seconds_of_run,
 )
+from ..back_analysis.parameters import range_of
+from ..back_analysis.search import METHODS, BackAnalysis, confirm, make_target, with_plan
 from ..back_analysis.survey_design import SurveyDesign, survey_design_of
 from ..back_analysis.trials import TrialLog, Trials, identity
 from ..back_analysis.waveforms import (
@@ -31,13 +32,14 @@ from ..back_analysis.waveforms import (
 from ..config.config import BackAnalysisConfig
 from ..errors import Finding, InputError, PyblastError
 from ..inference.likelihood import MISFITS
+from ..inference.parameter import Trace
 from ..model.source import TimeFunction
 from ..project.checks import check
 from ..project.level import CODE as LEVEL
 from ..project.project import Project, load_project
 from ..project.result import comparison_table, motion_table, write_summary, write_text
 from ..project.validity import validity
-from ..report.back_analysis import summarise_posterior, write_search_report
+from ..report.back_analysis import write_search_report
 from ..report.survey_design import (
     beside_laboratory,
     slip_lines,
@@ -52,6 +54,7 @@ from ..solver.run import simulate as simulate_model
 from . import Interrupted, Progress, Say, new_folder, result_folder, silent
 
 TRIALS = "trials.jsonl"
+RUNS = "runs"  # folder of stored runs
 RESULT = "back_analysis.json"
 SURVEY = "survey.json"
 
@@ -62,6 +65,7 @@ def back_analyse(
     *,
     fresh: bool = False,
     full: bool = False,
+    runs: str | Path | None = None,
     executor: Executor | None = None,
     progress: Progress | None = None,
     say: Say | None = None,
@@ -80,6 +84,9 @@ def back_analyse(
         Start a new search beside an unfinished one.
     full : bool
         Take the table ``[full]`` of the project file.
+    runs : path, optional
+        Folder of stored runs of a fit of waveforms, which several searches may share; ``runs`` in
+        the folder of the result by default.
     executor : concurrent.futures.Executor, optional
         Such as `workers`, or what ``dask.distributed.Client.get_executor`` returns. The result
         does not depend on it.
@@ -108,7 +115,6 @@ def back_analyse(
     tell = progress or silent
     tell("mesh", 0, 1)
     target, table = make_target(project), project.config.back_analysis
-    check_posterior_table(table, f"{project.path.name}: back_analysis")
     assert table is not None  # refused above
     before = findings_before(project) if before is None else before
     out = project.folder / "back_analysis" if out is None else Path(out)
@@ -118,35 +124,122 @@ def back_analyse(
         return _goes_on(folder, searched["hash"], table)
 
     with result_folder(out, unfinished, fresh=fresh, say=say) as (folder, goes_on):
-        trial_log = TrialLog(folder / TRIALS, searched, goes_on)
-        trials = Trials(target, trial_log, table.runs, executor=executor, progress=progress)
-        try:
-            result = _searched(trials, table, progress)
-        except KeyboardInterrupt:
-            raise Interrupted(
-                f"{len(trial_log.rows)} evaluations are kept in {trial_log.path}; the same command "
-                "continues them"
-            ) from None
-        except PyblastError:
-            if not trial_log.rows and not goes_on:
-                trial_log.path.unlink()
-            raise
+        if target.waveforms is None:
+            result = _searched(target, table, folder, searched, goes_on, executor, progress)
+        else:
+            stored = folder / RUNS if runs is None else Path(runs)
+            result = _fitted(
+                target, table, folder, searched, before, stored, executor, progress, say
+            )
+        _write(folder, result, before, table, finished=False)
+        result = _completed(result, progress)
         tell("writing", 0, 1)
-        summary = summarise_search(result, [*before, *findings_of_fit(result)], trial_log.rows)
-        write_summary(folder / RESULT, {**summary, "runs_allowed": table.runs})
-        write_search_report(folder / "report.html", summary, result.confirmed)
+        summary = _write(folder, result, before, table, finished=True)
+        try:
+            write_search_report(folder / "report.html", summary, result.confirmed)
+        except Exception as error:  # a page costs itself alone: values and intervals are written
+            result = replace(result, missing=(*result.missing, f"report.html: {error}"))
+            _write(folder, result, before, table, finished=True)
     return result, folder
 
 
-def _searched(trials: Trials, table: BackAnalysisConfig, progress: Progress | None) -> BackAnalysis:
-    """Search, confirm the best point by a full run, sample the posterior if requested."""
-    trace = search(trials, table.method, table.runs, table.seed)
-    result = confirm(trials.target, table.method, table.seed, trace, progress)
-    if table.posterior:
-        result = replace(
-            result, posterior=draw_posterior(trials, trace.points[trace.best], table.seed)
-        )
-    return result
+def _write(folder, result, before, table, finished) -> dict:
+    """Write what is known of a search into its folder, and return it."""
+    summary = summarise_search(result, [*before, *findings_of_fit(result)])
+    summary |= {"runs_allowed": table.runs, "finished": finished}
+    write_summary(folder / RESULT, summary)
+    return summary
+
+
+def _searched(target, table, folder, searched, goes_on, executor, progress) -> BackAnalysis:
+    """Search by a method whose misfit has no covariance, every run logged."""
+    trial_log = TrialLog(folder / TRIALS, searched, goes_on)
+    trials = Trials(target, trial_log, table.runs, executor=executor, progress=progress)
+    try:
+        trace = METHODS[table.method](trials.problem(), table.runs, table.seed)
+    except KeyboardInterrupt:
+        raise Interrupted(_kept(trial_log)) from None
+    except PyblastError:
+        if not trial_log.rows and not goes_on:
+            trial_log.path.unlink()
+        raise
+    misfit = float(trace.misfits[trace.best])
+    seconds = sum(row["wall_seconds"] for row in trial_log.rows)
+    return BackAnalysis(target, table.method, table.seed, trace, {}, misfit, {}, None,
+                        seconds=seconds)  # fmt: skip
+
+
+def _fitted(
+    target, table, folder, searched, before, stored, executor, progress, say
+) -> BackAnalysis:
+    """Fit waveforms; runs are stored, so that a search goes on whatever its number of runs."""
+    waves = target.waveforms
+    assert waves is not None  # else searched
+    trial_log = TrialLog(folder / TRIALS, searched)
+
+    def report(row):
+        trial_log.add([row])
+
+    blasts = on_mesh_of_band(target.projects, waves.window.band[1])
+    runs = Runs(blasts, waves.records, waves.window, table.runs, stored, executor, report)
+    fitter = Fitter(runs, target.parameters, progress)
+    (say or silent)(_estimate(fitter, runs))
+
+    def written(fit):
+        _write(folder, _of_fit(target, table, fit), before, table, finished=False)
+
+    fitter.written = written
+    try:
+        return _of_fit(target, table, fitter.fit())
+    except KeyboardInterrupt:
+        raise Interrupted(_kept(trial_log)) from None
+
+
+def _of_fit(target, table, fit) -> BackAnalysis:
+    """Return the result of a fit, not confirmed: its steps are the trace."""
+    places = [fit.names.index(parameter.name) for parameter in target.parameters]
+    points = np.array([
+        [float(fit.properties[n].value(row["coordinates"][n])) for n in places]
+        for row in fit.trace
+    ])  # fmt: skip
+    misfits = np.array([row["remaining"] for row in fit.trace])
+    trace = Trace(points, misfits, np.ones(len(points), dtype=bool))
+    return BackAnalysis(
+        target, table.method, table.seed, trace, {}, fit.remaining, {}, None, fit,
+        seconds=fit.seconds,
+    )  # fmt: skip
+
+
+def _estimate(fitter, runs) -> str:
+    """Return a sentence on how long a fit will take, from the first steps of its model."""
+    each, count = seconds_of_run(runs), fitter.expected
+    working, better = fitter.expected_by_mesh
+    seconds = each * (working + WORK_OF_BETTER * better)
+    return (
+        f"about {count} runs, {seconds:.0f} s of computing one after the other ({each:.2g} s a "
+        "run), and more where the start lies far away"
+    )
+
+
+def _kept(trial_log):
+    """Return the sentence of a search that was interrupted."""
+    return (
+        f"{len(trial_log.rows)} evaluations are kept in {trial_log.path}; the same command "
+        "continues them"
+    )
+
+
+def _completed(result, progress) -> BackAnalysis:
+    """Confirm a result by a full run, and plan further receivers; what fails costs itself."""
+    fit, target = result.fit, result.target
+    projects = target.projects if fit is None else fit.blasts
+    try:
+        result = confirm(result, projects, progress)
+    except PyblastError as error:
+        if fit is None and not np.isfinite(result.misfit):  # no point could be run
+            raise
+        return replace(result, missing=(f"full run of the best values: {error}",))
+    return result if fit is not None else with_plan(result, progress)
 
 
 def _goes_on(folder: Path, searched: str, table: BackAnalysisConfig) -> bool:
@@ -157,7 +250,7 @@ def _goes_on(folder: Path, searched: str, table: BackAnalysisConfig) -> bool:
         if not same or not (folder / RESULT).exists():
             return same
         known = json.loads((folder / RESULT).read_text(encoding="utf-8"))
-        return table.runs > known["runs_allowed"] or (table.posterior and not known["posterior"])
+        return table.runs > known["runs_allowed"] or not known.get("finished")
     except (OSError, ValueError, KeyError, TypeError):
         return False
 
@@ -221,13 +314,9 @@ def design_survey(
     return plan, folder
 
 
-def summarise_search(
-    result: BackAnalysis, findings: Sequence[Finding], rows: Sequence[dict]
-) -> dict:
+def summarise_search(result: BackAnalysis, findings: Sequence[Finding]) -> dict:
     """Return the plain numbers and words of a back-analysis for its report."""
     target, project, trace = result.target, result.target.projects[0], result.trace
-    plan = summarise_survey(result.plan)
-    beside = {row["path"]: beside_laboratory(row) for row in plan["parameters"]}
     return {
         "title": project.title,
         "assumed": list(project.config.assumed),
@@ -235,35 +324,64 @@ def summarise_search(
         "misfit_name": target.misfit,
         "misfit_unit": MISFITS[target.misfit],
         "seed": result.seed,
-        "runs": len(trace.misfits),
-        "evaluations": len(rows),
-        "best_run": trace.best + 1,
-        "best_misfit": float(trace.misfits[trace.best]),
-        "confirmed_misfit": result.misfit,
+        "runs": result.runs,
+        "best_run": trace.best + 1 if len(trace.misfits) else None,
+        "best_misfit": float(np.min(trace.misfits, initial=np.inf)),
+        "confirmed_misfit": result.misfit if result.confirmed else None,
         "accepted": int(trace.accepted.sum()),
-        "wall_seconds": sum(row["wall_seconds"] for row in rows),
-        "parameters": [
-            {
-                **range_of(parameter),
-                "best": result.best[parameter.name],
-                "bound": result.at_bound(parameter),
-                "unidentifiable": result.unidentifiable.get(parameter.name, ""),
-                "beside": beside[parameter.name],
-            }
-            for parameter in target.parameters
-        ],
+        "wall_seconds": result.seconds,
+        "parameters": [_parameter_row(result, n) for n in range(len(target.parameters))],
         "trace": {
             "points": trace.points,
             "misfits": trace.misfits,
             "accepted": trace.accepted,
         },
+        "fit": None if result.fit is None else summarise_fit(result.fit),
         "blasts": {name: _blast_table(blast) for name, blast in result.confirmed.items()},
-        "plan": plan,
-        "posterior": summarise_posterior(result.posterior, target.parameters),
+        "plan": None if result.plan is None else summarise_survey(result.plan),
+        "missing": list(result.missing),
         "findings": [asdict(finding) for finding in findings],
         "files_sha256": project.input_files,
         "provenance": versions(identity(target, result.method, result.seed)["hash"]),
     }
+
+
+def _parameter_row(result, number):
+    """Return the row of a parameter in tables: range, best value, interval, constraint."""
+    parameter = result.target.parameters[number]
+    row = {
+        **range_of(parameter),
+        "best": result.best[parameter.name],
+        "within": result.within(number),
+        "constraint": result.constraint(number),
+        "bound": result.at_bound(parameter),
+        "unidentifiable": result.unidentifiable.get(parameter.name, ""),
+    }
+    return {**row, "beside": beside_laboratory(row)}
+
+
+def summarise_fit(fit: Fit) -> dict:
+    """Return the plain numbers of a fit: what is held, errors, convergence."""
+    n = len(fit.properties)
+    held = [k for k in range(len(fit.names)) if k not in fit.sought]
+    return {
+        "converged": fit.converged,
+        "last_step": fit.last_step,
+        "remaining": fit.remaining,
+        "starts": fit.starts,
+        "error_level": fit.posterior.level,
+        "lacking": fit.lacking,
+        "ratios": fit.ratios(),
+        "held": [
+            {"name": fit.names[k], "prior": fit.posterior.prior[k],
+             "pull": fit.posterior.pulls[k], "column": k >= n or not fit.properties[k].moves}
+            for k in held
+        ],
+        "taken_as_known": fit.left_out,
+        "influences": fit.influences(),
+        "nuisances": fit.posterior.nuisances,
+        "remaining_above_noise": fit.posterior.remaining,
+    }  # fmt: skip
 
 
 def slip_summary(result: BackAnalysis) -> list[str]:

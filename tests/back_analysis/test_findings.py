@@ -47,10 +47,18 @@ def test_reversed_polarity_is_a_finding(reversed_record):
     )
 
 
-def test_an_improbable_model_error_is_a_finding_with_its_ratio(reversed_record):
-    findings = codes(reversed_record[0])
+def test_a_model_that_lacks_something_is_said_and_no_value_is_called_well_constrained(
+    reversed_record,
+):
+    result, folder = reversed_record
+    lack = codes(result)["D44"]
+    page = (folder / "report.html").read_text()
 
-    assert max(findings["D32"].numbers.values()) > 3.7  # of a hundred levels one is larger
+    assert result.fit.posterior.level > 0.01
+    assert "pyblast diagnose project.toml" in lack.text
+    assert "The model lacks something" in page
+    assert not any(result.constraint(n) == "well" for n in range(len(PARAMETERS)))
+    assert ">well<" not in page
 
 
 def test_a_value_at_a_bound_is_a_finding(tmp_path):
@@ -63,6 +71,7 @@ def test_a_value_at_a_bound_is_a_finding(tmp_path):
 
     assert ks.name in findings["D31"].text
     assert "at the low bound, 0.05" in findings["D31"].text
+    assert "only where such a value is possible" in findings["D31"].text
 
 
 def test_a_record_without_one_component_is_searched(tmp_path):
@@ -74,7 +83,7 @@ def test_a_record_without_one_component_is_searched(tmp_path):
 
     (record,) = result.confirmed["project.toml"].recorded.values()
     assert list(record.present) == [True, True, False]
-    assert np.all(result.plan.information.ratios[:2] < 0.5)
+    assert max(list(result.fit.ratios().values())[:2]) < 0.5
     assert codes(result) == {}
 
 

@@ -270,6 +270,7 @@ def test_a_plan_for_a_receiver_that_is_not_there_is_refused(tmp_path):
     ],
 )
 def test_a_result_is_set_beside_the_laboratory(within, words):
-    one = {"laboratory": (3.0, 6.0), "within": within, "value": sum(within) / 2.0, "why": ""}
+    best = sum(within) / 2.0
+    one = {"laboratory": (3.0, 6.0), "within": within, "best": best, "unidentifiable": ""}
 
     assert beside_laboratory(one).startswith(words)

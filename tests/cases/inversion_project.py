@@ -39,7 +39,7 @@ def target(project, parameters=PARAMETERS):
 
 def section(parameters=PARAMETERS, **keys):
     """Return the table of a search by waveforms."""
-    table = {"misfit": "'waveform'", "runs": 15} | keys
+    table = {"misfit": "'waveform'", "runs": 60} | keys
     lines = ["[back_analysis]", *(f"{key} = {value}" for key, value in table.items())]
     for one in parameters:
         lines += ["[[back_analysis.parameters]]", f'path = "{one.name}"', "log = true"]
@@ -48,16 +48,29 @@ def section(parameters=PARAMETERS, **keys):
     return "\n".join(lines) + "\n"
 
 
+STARTS = (
+    ("kn_gpa_per_m = 0.114", "kn_gpa_per_m = 0.2"),
+    ("ks_gpa_per_m = 0.025", "ks_gpa_per_m = 0.015"),
+)
+
+
 def noisy(folder, start=-0.4, rms=RMS, **keys):
-    """Write a project whose record has noise from before the blast on; return its path."""
+    """Write a project whose record has noise from before the blast on; return its path.
+
+    The stiffness of its fault is not that with which the record was made.
+    """
     folder.mkdir(exist_ok=True)
     path = written(
         folder, ("duration_s = 0.1", "duration_s = 0.5\ncompare_band_hz = [3, 20]"),
         ("cohesion_kpa = 20", "cohesion_kpa = 500"), ("tension_kpa = 0", "tension_kpa = 1e6"),
+        ("grid_cells = [6, 2, 3]", "grid_cells = [6, 2, 3]\nquadratic = true"),
     )  # fmt: skip
     motion = simulate(load_project(path), (), [()])[0]["R1"]
     made = motion.sampled(start, 1.0 / 256.0, int(256 * (0.5 - start)))
     noise = rms * np.random.default_rng(3).normal(size=made.velocity.shape)
     write_csv(folder / "wall.csv", replace(made, velocity=made.velocity + noise, label="R1"))
-    path.write_text(path.read_text().replace("\n[run]\n", RECORDED) + section(**keys))
+    text = path.read_text().replace("\n[run]\n", RECORDED)
+    for old, new in STARTS:
+        text = text.replace(old, new)
+    path.write_text(text + section(**keys))
     return path

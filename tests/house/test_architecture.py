@@ -12,8 +12,8 @@ ROOT = Path(__file__).parents[2]
 PACKAGE = ROOT / "pyblast"
 MODULES = sorted(PACKAGE.rglob("*.py"))
 FORTRAN = sorted((ROOT / "fortran").glob("*.f90"))
-MOST_MODULES = 144  # to become 110
-MOST_LINES_IN_ALL = 56_600  # to become 48,700
+MOST_MODULES = 145  # to become 110
+MOST_LINES_IN_ALL = 56_700  # to become 48,700
 MOST_IN_A_PACKAGE = 15  # to become 12
 MOST_LINES = 800  # an alarm: is there a second idea in the file?
 MOST_LINES_OF_A_SECOND_IDEA = (
@@ -32,7 +32,6 @@ ONE_ROOM = {
     "_core_batch": {"core"},
     "_core_single": {"core"},
     "gmsh": {"mesh.gmsh"},
-    "emcee": {"inference.posterior"},
     "ezdxf": {"readers.drawings"},
     "tifffile": {"readers.geometry"},
     "openpyxl": {"readers.cells", "workflows"},  # read, written

@@ -7,19 +7,10 @@ import pytest
 
 from pyblast.errors import InputError
 from pyblast.inference.gauss_newton import levenberg_search
-from pyblast.inference.global_search import (
-    adaptive_annealing,
-    evolution_search,
-    fit_gaussian_process,
-    hyperparameters,
-    random_search,
-    sobol_search,
-    surrogate_search,
-)
+from pyblast.inference.global_search import random_search
 from pyblast.inference.parameter import Evaluations, Problem, Spent
 
-LEARNING = [adaptive_annealing, evolution_search, levenberg_search, surrogate_search]
-ALL = [random_search, sobol_search, *LEARNING]
+ALL = [random_search, levenberg_search]
 EACH = pytest.mark.parametrize("search", ALL)
 LOWEST = np.array([0.2, 0.4, 0.6, 0.7])
 STEEPNESS = np.array([1.0, 1.7, 2.3, 3.0])
@@ -131,30 +122,20 @@ def test_the_unit_of_the_misfit_changes_nothing(search):
     assert np.array_equal(plain.points, scaled.points)
 
 
-@pytest.mark.parametrize("search", LEARNING)
+@pytest.mark.parametrize("search", [levenberg_search])
 def test_every_search_that_learns_beats_random_search_on_a_bowl(search):
     assert found(search, bowl, 100) < 0.5 * found(random_search, bowl, 100)
 
 
-@pytest.mark.parametrize(
-    ("search", "misfit"),
-    [(adaptive_annealing, 1e-3), (evolution_search, 2e-2), (levenberg_search, 1e-15),
-     (surrogate_search, 1e-3)],
-)  # fmt: skip
-def test_a_search_reaches_the_bottom_of_a_bowl(search, misfit):
-    assert found(search, bowl, 150) < misfit  # random: 0.11
+def test_a_search_reaches_the_bottom_of_a_bowl():
+    assert found(levenberg_search, bowl, 150) < 1e-15  # random: 0.11
 
 
-@pytest.mark.parametrize(
-    ("search", "misfit"),
-    [(adaptive_annealing, 0.15), (evolution_search, 0.1), (levenberg_search, 1e-8),
-     (surrogate_search, 0.15)],
-)  # fmt: skip
-def test_a_search_follows_a_bent_valley(search, misfit):
-    assert found(search, valley, 200) < misfit  # random: 0.2
+def test_a_search_follows_a_bent_valley():
+    assert found(levenberg_search, valley, 200) < 1e-8  # random: 0.2
 
 
-@pytest.mark.parametrize("search", [adaptive_annealing, levenberg_search])
+@pytest.mark.parametrize("search", [levenberg_search])
 def test_a_search_with_steps_says_which_points_it_went_on_from(search):
     trace = search(bowl(), 60, 0)
 
@@ -191,29 +172,3 @@ def test_what_the_budget_still_allows_is_evaluated_before_a_search_ends():
     with pytest.raises(Spent):
         kept.at(np.full((8, 4), 0.5))
     assert len(kept.trace().misfits) == 5
-
-
-def test_a_gaussian_process_goes_through_smooth_values_and_knows_where_it_does_not_know():
-    rng = np.random.default_rng(0)
-    places, unseen = rng.random((40, 2)), 0.1 + 0.8 * rng.random((50, 2))
-    smooth = lambda p: np.sin(4.0 * p[:, 0]) + p[:, 1] ** 2  # noqa: E731
-
-    process = fit_gaussian_process(places, smooth(places), np.log([0.5, 0.5, 1e-4]))
-    mean, rows = process.at(unseen)
-
-    assert mean == pytest.approx(smooth(unseen), abs=0.02)
-    left = 1.0 - np.sum(rows**2, axis=0)
-    here = 1.0 - np.sum(process.at(places)[1] ** 2, axis=0)
-    assert left.max() > 10.0 * np.median(here)
-
-
-def test_a_gaussian_process_finds_the_parameter_that_does_not_matter():
-    places = np.random.default_rng(1).random((40, 2))
-
-    lengths = np.exp(
-        hyperparameters(
-            fit_gaussian_process(places, np.sin(5.0 * places[:, 0]), np.log([0.5, 0.5, 1e-4]))
-        )
-    )
-
-    assert lengths[1] > 5.0 * lengths[0]

@@ -22,7 +22,7 @@ RANGES = {
     "joints.F1.cohesion_kpa": (90, 1000),
     "damping.ratio": (0.005, 0.05),
 }
-PAPER = {"method": "paper", "runs": 5}
+PAPER = {"method": "paper", "misfit": "paper", "runs": 5}
 STRONG = ("cohesion_kpa = 20", "cohesion_kpa = 100"), ("tension_kpa = 0", "tension_kpa = 1e6")
 
 
@@ -148,7 +148,7 @@ def test_ctrl_c_keeps_what_was_run_and_the_same_search_goes_on(tmp_path):
         (
             'method = "paper"',
             'misfit = "phase"',
-            "'levenberg' needs residuals, and misfit 'phase' has none; take 'surrogate'",
+            "'levenberg' needs residuals, and misfit 'phase' has none; take 'random'",
         ),
         ("[back_analysis]\n", "[back_analysis]\nmisfit = 'eye'\n", "misfit: must be one of paper"),
         ("[back_analysis]\n", "[back_analysis]\nreceivers = ['R2']\n", "'R2' has no record in"),

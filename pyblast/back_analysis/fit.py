@@ -1,0 +1,704 @@
+"""Fit of waveforms: Gauss-Newton over what is looked for and what is held, one run a step."""
+
+import time
+from collections.abc import Callable, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+
+from .. import core
+from ..errors import InputError, PyblastError
+from ..inference.covariance import record_blocks
+from ..inference.error_model import (
+    Firings,
+    Nuisances,
+    hole_columns,
+    random_slopes,
+    shaped,
+    shift_columns,
+)
+from ..inference.posterior import ALL_LEVELS, FEW_LEVELS, NORMAL_95, Linear, linear
+from ..inference.records import Records, band_functions
+from ..model.model import Model
+from ..project.elements import for_band, refined
+from ..project.ground import damages_material
+from ..project.places import on_ground
+from ..project.project import Project
+from ..runs.parallel import is_single, run_all
+from ..solver.preparation import LEDGER_EVERY, prepare
+from .parameters import (
+    DENSITY,
+    GEOMETRY,
+    SPEED,
+    STIFFNESS,
+    Property,
+    held_properties,
+    sought_properties,
+)
+from .waveforms import Window, remaining, sampled_motion
+
+BETTER = 0.04  # error of the better mesh over that of the working mesh
+UNCORRECTED = 0.3  # of the change by the better mesh: prior deviation of what it leaves
+PROBE = 0.04  # of the shortest wavelength: how far beside a receiver its slopes are taken
+SOURCE = 0.01  # prior deviation of the spectrum of a blast, at four cosines over log frequency
+UNEVEN = {
+    SPEED: 0.003,
+    STIFFNESS: 0.05,
+}  # between receivers, and frequencies
+# Two programs that solve the same model agree to this, measured where neither knew a truth:
+# docs/quality/intervals.md.
+PROGRAMS = {"cp": 0.006, "cs": 0.003, "kn": 0.05, "ks": 0.05}
+LONGEST = {SPEED: 0.06, STIFFNESS: 0.7}  # step of a coordinate
+LONGEST_OTHER = 0.5
+ENOUGH = 0.2  # posterior deviations: a step below ends the search
+NEAR = 3.0  # posterior deviations: a step below, after a long way, asks for new derivatives
+LONG = 0.14  # of the longest step, above which Broyden's rule updates the derivatives
+HALF = 0.5  # of the energy: more that remains asks for a second start
+STEPS = 10  # of one start
+EXPECTED_STEPS = 3
+HALVINGS = 2
+WORSE = 1.1, 0.02  # factor on the energy that remains, and more, at which a step is shortened
+LACK = 0.01  # of the energy: more model error than this means that the model lacks something
+WORK_OF_BETTER = 3.5  # of a run on the better mesh, over one on the working mesh
+
+
+@dataclass(eq=False)
+class Runs:
+    """Runs of all blasts of a fit on the mesh of its band; none is repeated.
+
+    Parameters
+    ----------
+    blasts : tuple of Project
+        On the mesh of `on_mesh_of_band`.
+    records : Records
+    window : Window
+    limit : int
+        Evaluations at most; each is one run of every blast.
+    folder : path, optional
+        Of stored runs.
+    executor : Executor, optional
+        As of `run_all`.
+    report : callable, optional
+        Gets each row of the log.
+    """
+
+    blasts: tuple[Project, ...]
+    records: Records
+    window: Window
+    limit: int
+    folder: str | Path | None = None
+    executor: Executor | None = None
+    report: Callable[[dict], None] = lambda _: None
+    count: int = 0
+    seconds: float = 0.0
+    slopes: np.ndarray = field(default_factory=lambda: np.zeros(0))  # by east and north, 1/s
+
+    def motions(self, jobs: Sequence["Job"]) -> list[np.ndarray]:
+        """Run jobs side by side; return motion (n_blasts, n_receivers, 3, n_samples) of each.
+
+        Raises
+        ------
+        InputError
+            If more evaluations are asked for than the limit.
+        SolverError
+            If a run fails.
+        """
+        if self.count + len(jobs) > self.limit:
+            raise Spent
+        if not jobs:
+            return []
+        varied = [[job.project(blast) for blast in self.blasts] for job in jobs]
+        models = [
+            self._model(each, job.probes)
+            for job, row in zip(jobs, varied, strict=True)
+            for each in row
+        ]
+        duration = max(each.duration for row in varied for each in row)
+        done = run_all(models, duration, folder=self.folder, executor=self.executor)
+        answers = []
+        for n, (job, row) in enumerate(zip(jobs, varied, strict=True)):
+            runs = done[n * len(row) : (n + 1) * len(row)]
+            seconds = sum(run.wall_seconds for run in runs)
+            late = [each.simulated(run.seismograms) for each, run in zip(row, runs, strict=True)]
+            motion = sampled_motion(late, self.records.receivers, self.window)
+            if job.probes:
+                self.slopes = self._of_probes(late)
+            self.count, self.seconds = self.count + 1, self.seconds + seconds
+            self.report(
+                {
+                    "number": self.count,
+                    "purpose": job.purpose,
+                    "coordinates": job.coordinates,
+                    "misfit": remaining(self.records, motion),
+                    "wall_seconds": seconds,
+                    "stored": all(run.from_cache for run in runs),
+                }
+            )
+            answers.append(motion)
+        return answers
+
+    def _model(self, project, probes) -> Model:
+        """Return the model of a blast, with probes beside its receivers if wanted."""
+        model = project.model
+        if probes:
+            model = replace(model, receivers=(*model.receivers, *self._probes(project, model)))
+        return replace(model, single=is_single(model))
+
+    def _probes(self, project, model):
+        """Return receivers to the west, east, south and north of those with records."""
+        step = self._step()
+        for receiver in model.receivers:
+            if receiver.name not in self.records.receivers:
+                continue
+            at = np.asarray(receiver.position, dtype=float)
+            for name, aside in zip(
+                "wesn", step * np.array([[-1, 0], [1, 0], [0, -1], [0, 1]]), strict=True
+            ):
+                position = _beside(project.mesh, at, aside)
+                yield replace(receiver, name=f"{receiver.name} {name}", position=position)
+
+    def _step(self):
+        """Return how far probes stand beside their receivers, m."""
+        slowest = min(rock.cs for rock in self.blasts[0].materials.values())
+        return PROBE * slowest / self.window.band[1]
+
+    def _of_probes(self, late):
+        """Return the slopes of the motion from that of the probes."""
+        names = self.records.receivers
+        sides = {
+            side: sampled_motion(late, [f"{name} {side}" for name in names], self.window)
+            for side in "wesn"
+        }
+        step = 2.0 * self._step()
+        return np.array([(sides["e"] - sides["w"]) / step, (sides["n"] - sides["s"]) / step])
+
+
+class Spent(Exception):
+    """All runs that were allowed are done."""
+
+
+def _beside(mesh, at, aside):
+    """Return a position beside another, as deep below the surface."""
+    moved = np.add(at, (*aside, 0.0))
+    if "top" in mesh.surfaces:
+        try:
+            depth = on_ground(mesh, tuple(at[:2]))[2] - at[2]
+            moved[2] = on_ground(mesh, tuple(moved[:2]))[2] - depth
+        except InputError:  # beyond the edge: no slope to that side
+            return tuple(at.tolist())
+    return tuple(moved.tolist())
+
+
+@dataclass(frozen=True, eq=False)
+class Job:
+    """One evaluation: coordinates of properties, accuracy of the mesh, probes beside receivers.
+
+    Parameters
+    ----------
+    purpose : str
+    properties : tuple of n Property
+    at : (n,) float64
+        Coordinates.
+    better : bool
+        Whether it runs on the better mesh.
+    probes : bool
+    """
+
+    purpose: str
+    properties: tuple[Property, ...]
+    at: np.ndarray
+    better: bool = False
+    probes: bool = False
+
+    @property
+    def coordinates(self) -> dict[str, float]:
+        """Coordinates other than zero, by name."""
+        return {p.name: float(x) for p, x in zip(self.properties, self.at, strict=True) if x}
+
+    def project(self, blast: Project) -> Project:
+        """Return a blast with these coordinates."""
+        pairs = list(zip(self.properties, self.at, strict=True))
+        for each, x in pairs:  # `vary` starts from the file, so what is held comes after
+            if each.parameter is not None:
+                blast = each.change(blast, float(x))
+        for each, x in pairs:
+            if each.parameter is None and each.kind != DENSITY and x:
+                blast = each.change(blast, float(x))
+        if self.better:
+            mesh = refined(blast, BETTER)
+            blast = blast if mesh is None else blast.changed(mesh=mesh)
+        return blast
+
+
+def on_mesh_of_band(blasts: Sequence[Project], highest: float) -> tuple[Project, ...]:
+    """Return blasts on one mesh for motion up to a frequency in Hz."""
+    meshed = []
+    for blast in blasts:
+        other = blast.changed(mesh=for_band(blast, highest))
+        same = next(
+            (
+                m
+                for b, m in zip(blasts, meshed, strict=False)
+                if (b.config.mesh, b.config.ground) == (blast.config.mesh, blast.config.ground)
+                and not damages_material(blast.config.ground)
+            ),
+            other,
+        )
+        shared = {"mesh": same.mesh, "ground": same.ground}
+        meshed.append(replace(other, given={**other.given, **shared}))
+    return tuple(meshed)
+
+
+def seconds_of_run(runs: Runs) -> float:
+    """Return the estimated seconds of one evaluation, from the first steps of the blasts."""
+    total = 0.0
+    for blast in runs.blasts:
+        began = time.perf_counter()
+        model = blast.model
+        prepared = prepare(replace(model, single=is_single(model)), blast.duration)
+        views, state = prepared.begun()
+        ready = time.perf_counter()
+        core.advance(views, state, 0, LEDGER_EVERY, LEDGER_EVERY)
+        step = (time.perf_counter() - ready) / LEDGER_EVERY
+        total += ready - began + step * prepared.n_steps
+    return total
+
+
+@dataclass(eq=False)
+class _State:
+    """Where a fit stands: coordinates, motion there, derivatives by all properties."""
+
+    x: np.ndarray
+    motion: np.ndarray
+    slopes: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """Result of a fit of waveforms.
+
+    Parameters
+    ----------
+    blasts : tuple of Project
+        On the mesh of the fit.
+    properties : tuple of n Property
+        Those looked for, then those held.
+    x : (n,) float64
+        Coordinates of the last run.
+    posterior : Linear
+        Of all properties, then amplitude and 1/Q; coordinates less prior means.
+    converged : bool
+    last_step : float
+        Largest step of a property looked for that remains, in posterior deviations.
+    remaining : float
+        Share of the energy of the records that the last run leaves.
+    starts : int
+    seconds : float
+        Of computing, of all runs.
+    runs : int
+    left_out : dict of str to str
+        Held properties that are taken as known, and why.
+    trace : tuple of dict
+        A row for each step of the search: coordinates and share of the energy that remains.
+    """
+
+    blasts: tuple[Project, ...]
+    properties: tuple[Property, ...]
+    x: np.ndarray
+    posterior: Linear
+    converged: bool
+    last_step: float
+    remaining: float
+    starts: int
+    seconds: float
+    runs: int
+    left_out: dict[str, str]
+    trace: tuple[dict, ...]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the columns of the posterior."""
+        return (*(each.name for each in self.properties), "amplitude", "1/Q")
+
+    @property
+    def sought(self) -> tuple[int, ...]:
+        """Numbers of the properties that are looked for."""
+        return tuple(n for n, each in enumerate(self.properties) if each.parameter is not None)
+
+    @property
+    def lacking(self) -> bool:
+        """Whether the learned model error is more than good ground and mesh explain."""
+        return self.posterior.level > LACK
+
+    def coordinates(self) -> np.ndarray:
+        """Return the posterior means of the properties, (n,); of those looked for in range."""
+        values = self.posterior.mean[: len(self.properties)] + [p.mean for p in self.properties]
+        low, high = _bounds(self.properties)
+        return np.clip(values, low, high)
+
+    def deviations(self) -> np.ndarray:
+        """Return the standard deviations of the properties, (n,), that of programs included."""
+        own = self.posterior.deviation[: len(self.properties)]
+        return np.hypot(own, [_of_programs(each) for each in self.properties])
+
+    def values(self) -> dict[str, float]:
+        """Return the best values of the parameters, in the units of their keys."""
+        at = self.coordinates()
+        return {
+            self.properties[n].name: float(self.properties[n].value(at[n])) for n in self.sought
+        }
+
+    def intervals(self) -> dict[str, tuple[float, float]]:
+        """Return the 90 % intervals of the parameters, within their ranges."""
+        at, half = self.coordinates(), NORMAL_95 * self.deviations()
+        rows = {}
+        for n in self.sought:
+            each = self.properties[n]
+            assert each.parameter is not None  # sought
+            ends = (float(each.value(at[n] + side * half[n])) for side in (-1.0, 1.0))
+            low, high = each.parameter.low, each.parameter.high
+            rows[each.name] = tuple(min(max(end, low), high) for end in ends)
+        return rows
+
+    def ratios(self) -> dict[str, float]:
+        """Return the ratio of posterior to prior standard deviation of the parameters."""
+        ratio = self.deviations() / [each.sigma for each in self.properties]
+        return {self.properties[n].name: min(1.0, float(ratio[n])) for n in self.sought}
+
+    def influences(self) -> list[dict]:
+        """Return for each parameter what the held properties do to it, the strongest first."""
+        held = [n for n in range(len(self.names)) if n not in self.sought]
+        shares = self.posterior.shares_of_variance(self.sought, held)
+        shifts = self.posterior.shifts_if_held(self.sought, held)
+        return [
+            {
+                "parameter": self.names[n],
+                "held": sorted(
+                    (
+                        {"name": self.names[h], "share": float(share), "shift": float(shift)}
+                        for h, share, shift in zip(held, shares[row], shifts[row], strict=True)
+                    ),
+                    key=lambda each: -each["share"],
+                ),
+            }
+            for row, n in enumerate(self.sought)
+        ]
+
+
+def _of_programs(each):
+    """Return by how much two programs differ in a property."""
+    key = each.name.rpartition(".")[-1][:2]
+    return PROGRAMS.get(key, 0.0) if each.kind in LONGEST and each.relative else 0.0
+
+
+def _bounds(properties):
+    """Return the bounds of coordinates, (n,) each."""
+    rows = [
+        (-np.inf, np.inf)
+        if each.parameter is None
+        else (each.coordinate(each.parameter.low), each.coordinate(each.parameter.high))
+        for each in properties
+    ]
+    low, high = np.array(rows, dtype=float).T
+    return low, high
+
+
+class Fitter:
+    """Gauss-Newton search of the waveforms of a survey.
+
+    Parameters
+    ----------
+    runs : Runs
+    parameters : sequence of Parameter
+    progress : callable, optional
+        Called with ("trials", done, expected).
+    written : callable, optional
+        Gets the `Fit` after every step.
+    """
+
+    def __init__(self, runs: Runs, parameters, progress=None, written=None):
+        self.runs, self.written = runs, written or (lambda _: None)
+        self.progress = progress or (lambda *_: None)
+        first = runs.blasts[0]
+        everything = (*sought_properties(first, parameters), *held_properties(first, parameters))
+        self.properties, self.priors = everything, first.config.priors
+        self.left_out: dict[str, str] = {}
+        self.sigma = np.array([each.sigma for each in everything])
+        self.mean = np.array([each.mean for each in everything])
+        self.moves = np.array([each.moves for each in everything])
+        self.low, self.high = _bounds(everything)
+        self.longest = np.array([LONGEST.get(each.kind, LONGEST_OTHER) for each in everything])
+        self.correction = self.change = np.zeros(0)
+        self.has_better = refined(first, BETTER) is not None
+        if not self.has_better:
+            self.left_out["the error of the mesh"] = "a mesh that is given is not made finer"
+        self.trace: list[dict] = []
+        self.starts = 0
+
+    @property
+    def expected(self) -> int:
+        """Evaluations that a search needs if it ends after three steps."""
+        return sum(self.expected_by_mesh)
+
+    @property
+    def expected_by_mesh(self) -> tuple[int, int]:
+        """Those on the working mesh, and on the better one."""
+        speeds = sum(each.kind == SPEED for each in self.properties)
+        differences = sum(each.kind != DENSITY for each in self.properties)
+        return 1 + differences + EXPECTED_STEPS, (1 + speeds) * self.has_better
+
+    def fit(self) -> Fit:
+        """Search from the values of the project file, and again where this does not end well.
+
+        The second start fits the lower third of the band first.
+
+        Raises
+        ------
+        InputError
+            If fewer runs are allowed than the derivatives need.
+        SolverError
+            If a run fails.
+        """
+        needed = self.expected - EXPECTED_STEPS
+        if self.runs.limit < needed:
+            raise InputError(
+                f"back_analysis.runs: must be at least {needed} for the derivatives by what is "
+                f"looked for and held, got {self.runs.limit}"
+            )
+        start = self._first(np.zeros(len(self.properties)))
+        low, high = self.runs.window.band
+        first = self._descend(_copied(start), self.runs.records)
+        if first.converged and first.remaining < HALF:
+            return first
+        try:
+            lower = _in_band(self.runs.records, (low, low + (high - low) / 3.0))
+            second = self._descend(_copied(start), lower)
+            state = _State(second.x, self.last.motion, self.last.slopes)
+            second = self._descend(state, self.runs.records)
+        except (Spent, InputError):  # a band too narrow for the window
+            return replace(first, starts=self.starts)
+        better = second.posterior.log_evidence > first.posterior.log_evidence
+        return replace(second if better else first, starts=self.starts)
+
+    def _run(self, jobs):
+        """Run jobs and report the progress."""
+        motions = self.runs.motions(jobs)
+        self.progress("trials", self.runs.count, max(self.expected, self.runs.count))
+        return motions
+
+    def _job(self, purpose, x, **how):
+        """Return a job at coordinates."""
+        return Job(purpose, self.properties, np.asarray(x, dtype=float), **how)
+
+    def _first(self, x):
+        """Return the state at the start: reference, better run, and all derivatives."""
+        jobs = [self._job("reference", x, probes=True)]
+        jobs += [self._job("better mesh", x, better=True)] * self.has_better
+        base, *others = self._run(jobs)
+        better = others[0] if others else base
+        self.correction = better - base
+        self.change = np.zeros((len(self.properties), *base.shape))
+        state = _State(x, base, np.zeros_like(self.change))
+        self._derive(state, base)
+        speeds = [n for n, each in enumerate(self.properties) if each.kind == SPEED]
+        speeds = speeds if self.has_better else []
+        jobs = [
+            self._job(f"{self.properties[n].name}, better mesh", self._beside(x, n), better=True)
+            for n in speeds
+        ]
+        for n, motion in zip(speeds, self._run(jobs), strict=True):
+            step = self._beside(x, n)[n] - x[n]
+            self.change[n] = (motion - better) / step - state.slopes[n]
+            state.slopes[n] += self.change[n]
+        for n, each in enumerate(self.properties):
+            if each.kind == GEOMETRY:
+                state.slopes[n] = self._by_geometry(n, x, base)
+        state.motion = base + self.correction
+        return state
+
+    def _beside(self, x, n):
+        """Return the coordinates of the difference by a property, within its range."""
+        step = self.properties[n].step
+        other = x.copy()
+        other[n] += step if x[n] + step <= self.high[n] else -step
+        return other
+
+    def _derive(self, state, base):
+        """Take the derivatives by all properties that move, around a state with its plain run."""
+        moving = np.flatnonzero(self.moves)
+        jobs = [self._job(self.properties[n].name, self._beside(state.x, n)) for n in moving]
+        for n, motion in zip(moving, self._run(jobs), strict=True):
+            step = self._beside(state.x, n)[n] - state.x[n]
+            state.slopes[n] = (motion - base) / step + self.change[n]
+        for n, each in enumerate(self.properties):
+            if each.kind == DENSITY:  # exact by scaling: u(rho, k) = u(1, k / rho) / rho
+                inside = self.runs.blasts[0].config.signature is None
+                stiff = [m for m, p in enumerate(self.properties) if p.kind == STIFFNESS]
+                state.slopes[n] = -np.sum(state.slopes[stiff], axis=0) - inside * base
+
+    def _by_geometry(self, n, x, base):
+        """Return the derivative by a property of the geometry; zero where it can't be had."""
+        each = self.properties[n]
+        job = self._job(each.name, self._beside(x, n))
+        try:
+            for blast in self.runs.blasts:
+                mesh = job.project(blast).mesh
+                if mesh.hexahedral != blast.mesh.hexahedral:
+                    raise InputError("its mesh has other elements")
+            motion = self._run([job])[0]
+        except PyblastError as error:
+            self.left_out[each.name] = str(error)
+            return np.zeros_like(base)
+        return (motion - base) / each.step
+
+    def _descend(self, state, records) -> Fit:
+        """Take steps from a state until they are small with all levels; keep the last state."""
+        self.starts += 1
+        away, levels = np.zeros_like(state.x), FEW_LEVELS
+        result = self._posterior(state, records, levels)
+        for _ in range(STEPS):
+            move, size = self._step(state, result)
+            if size < ENOUGH and levels is FEW_LEVELS:
+                levels = ALL_LEVELS
+                result = self._posterior(state, records, levels)
+                move, size = self._step(state, result)
+            if size < ENOUGH:
+                break
+            try:
+                if size < NEAR and np.any(np.abs(away) > self.longest):
+                    self._renew(state)
+                    away[:] = 0.0
+                else:
+                    away += self._advance(state, move)
+            except Spent:
+                break
+            result = self._posterior(state, records, levels)
+            self.written(self._result(state, result))
+        self.last = state
+        if levels is FEW_LEVELS:
+            result = self._posterior(state, records, ALL_LEVELS)
+        return self._result(state, result)
+
+    def _step(self, state, result):
+        """Return the step to the posterior mean, and its size in posterior deviations."""
+        n = len(self.properties)
+        wanted = np.clip(self.mean + result.mean[:n], self.low, self.high)
+        move = np.where(self.moves, wanted - state.x, 0.0)
+        sought = [k for k, each in enumerate(self.properties) if each.parameter is not None]
+        deviation = np.hypot(result.deviation[:n], [_of_programs(p) for p in self.properties])
+        size = float(np.max(np.abs(move[sought]) / deviation[sought]))
+        return move / max(1.0, float(np.max(np.abs(move) / self.longest))), size
+
+    def _advance(self, state, move):
+        """Run at a step, shortened where much less is explained, and update the derivatives."""
+        before = remaining(self.runs.records, state.motion)
+        for _ in range(1 + HALVINGS):
+            x = state.x + move
+            plain = self._run([self._job("step", x)])[0]
+            motion = plain + self.correction + np.tensordot(x, self.change, 1)
+            missed = motion - state.motion - np.tensordot(move, state.slopes, 1)
+            share = move / self.longest
+            if share @ share > LONG**2:  # short ones would only spoil the derivatives
+                update = np.multiply.outer(share / self.longest / (share @ share), missed)
+                state.slopes = state.slopes + update
+            left_over = remaining(self.runs.records, motion)
+            if left_over < WORSE[0] * before + WORSE[1]:
+                break
+            move = 0.5 * move
+        state.x, state.motion = x, motion
+        self.trace.append({"coordinates": x.tolist(), "remaining": left_over})
+        return move
+
+    def _renew(self, state):
+        """Take the derivatives anew at a state."""
+        base = self._run([self._job("reference", state.x)])[0]
+        self._derive(state, base)
+
+    def _posterior(self, state, records, levels):
+        """Return the posterior of all properties, linear around a state."""
+        band = records.band
+        slopes = band.project(state.slopes)
+        nuisances, lost = self._nuisances(state, band)
+        residual = band.project(records.motion - state.motion)
+        residual = residual + np.tensordot(state.x - self.mean, slopes, 1)
+        columns = np.concatenate([slopes, band.project(state.motion)[None], lost[None]])
+        own = 0.01 * self.priors.amplitude_percent, self.priors.inverse_q
+        blocks = record_blocks(records, state.motion)
+        return linear(blocks, residual, columns, np.array([*self.sigma, *own]), nuisances, levels)
+
+    def _nuisances(self, state, band) -> tuple[Nuisances, np.ndarray]:
+        """Return the nuisances around a state, and the change by attenuation."""
+        priors = self.priors
+        seconds = {"trigger": 1e-3 * priors.trigger_ms, "clock": 1e-3 * priors.clock_ms}
+        shifts = shift_columns(
+            state.motion, self.runs.slopes, band, {**seconds, "receiver": priors.receiver_m}
+        )
+        firings = [firings_of(blast, self.runs.records.receivers) for blast in self.runs.blasts]
+        holes, lost = hole_columns(state.motion, firings, band, 1e-3 * priors.firing_ms)
+        uneven = [n for n, each in enumerate(self.properties) if each.kind in UNEVEN]
+        ground = random_slopes(
+            state.slopes[uneven], [UNEVEN[self.properties[n].kind] for n in uneven], band
+        )
+        source = SOURCE * shaped(state.motion, band, range(4), (1.0, 1j))
+        mesh = UNCORRECTED * band.project(self.correction)
+        each = [
+            np.where(np.arange(mesh.shape[1])[:, None, None] == r, mesh, 0.0)
+            for r in range(mesh.shape[1])
+        ]
+        others = Nuisances(
+            np.concatenate([source, [mesh], each]),
+            ("source",) * len(source) + ("mesh",) * (1 + len(each)),
+        )
+        return shifts + holes + ground + others, lost
+
+    def _result(self, state, posterior) -> Fit:
+        """Return the fit at a state."""
+        _, size = self._step(state, posterior)
+        return Fit(
+            self.runs.blasts,
+            self.properties,
+            state.x.copy(),
+            posterior,
+            size < ENOUGH,
+            size,
+            remaining(self.runs.records, state.motion),
+            self.starts,
+            self.runs.seconds,
+            self.runs.count,
+            dict(self.left_out),
+            tuple(self.trace),
+        )
+
+
+def _copied(state):
+    """Return a copy of a state, so that another start may begin there."""
+    return _State(state.x.copy(), state.motion.copy(), state.slopes.copy())
+
+
+def _in_band(records: Records, band) -> Records:
+    """Return records compared in another band."""
+    valid = None if records.valid.all() else records.valid
+    return replace(records, band=band_functions(records.n_samples, records.dt, band, valid))
+
+
+def firings_of(blast: Project, receivers: Sequence[str]) -> Firings | None:
+    """Return the firings of a blast with their travel times; None where nothing fires by hole."""
+    config, fired = blast.config, blast.blast
+    if fired is None or (config.holes_inside is None and config.signature is None):
+        return None
+    if config.holes_inside is None:
+        firing = blast.firing
+        late = np.zeros((len(receivers), len(firing.times)))
+        return Firings(firing.times - firing.times.min(), firing.scales, late)
+    exponent = 1.0 if config.blast is None else config.blast.charge_exponent
+    charge = np.nan_to_num(fired.charge) ** exponent
+    speed = min(rock.cs for rock in blast.materials.values())
+    known = {receiver.name: np.asarray(receiver.position) for receiver in blast.receivers}
+    late = np.zeros((len(receivers), len(charge)))
+    for r, name in enumerate(receivers):
+        if name in known:
+            away = np.linalg.norm(fired.centres - known[name], axis=1)
+            late[r] = (away - away.mean()) / speed
+    return Firings(fired.times - fired.times.min(), charge, late)
