@@ -158,7 +158,7 @@ def build_mesh_report(
     def fill(factor):
         cells, report = rock_cells(box, limits, factor * tolerances, sets, faults, margin, top)
         if terrain is not None:
-            near = factor * min(_TERRAIN_SHARE * smallest, relief)
+            near = factor * _TERRAIN_SHARE * smallest
             cells, moved, refused = _terrain_cells(cells, terrain, near)
             report = replace(report, terrain=moved, refused=report.refused + refused)
         _weld_shares(cells, sets, seed)
@@ -313,7 +313,7 @@ def _sampled(places, box, margin, edge, relief):
         return np.where(np.isnan(height), nearest(plan), height)
 
     axes = [graded_axis(limits, [], edge, margin, margin) for limits in box[:2]]
-    first, far = None, np.inf
+    first, far = np.zeros((0, 3, 3)), np.inf
     for halving in range(_HALVINGS + 1):
         plan = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
         corners = np.concatenate([plan, height_at(plan)[..., None]], axis=2)
@@ -322,7 +322,7 @@ def _sampled(places, box, margin, edge, relief):
         points = _INNER_SHARES @ cells
         away = np.abs(points[..., 2] - height_at(points[..., :2])).max(axis=(2, 3))
         triangles = cells.reshape(-1, 3, 3)
-        if first is None:
+        if halving == 0:
             first, far = triangles, away.max()
         if away.max() <= relief or halving == _HALVINGS:
             break
