@@ -14,6 +14,7 @@ module pyblast_border
         model_arrays, model_state, nodal_state, node_arrays, patch_arrays, receiver_arrays, &
         zone_state
     use pyblast_boundaries, only : add_loads => load_forces, add_reactions => reaction_forces, &
+        load_runs, &
         add_viscous => viscous_forces
     use pyblast_contacts, only : energy_at_rest => stored_at_rest
     use pyblast_internal_forces, only : add_zone_forces => zone_forces
@@ -284,8 +285,7 @@ contains
     end subroutine zone_forces
 
     subroutine load_forces(n_nodes, n_loads, n_histories, n_total, step, load_node, load_vector, &
-                           load_history, load_delay, load_member, history, velocity, &
-                           load_amplitude, force, power)
+                           load_history, load_delay, load_member, history, velocity, force, power)
         !! Forces of loads: of tests alone.
         integer, intent(in) :: n_nodes, n_loads, n_histories, n_total
         integer, intent(in) :: step                           !! from 1
@@ -293,13 +293,14 @@ contains
         real(dp), intent(in), target :: load_vector(3, n_loads), load_delay(n_loads)
         real(dp), intent(in), target :: history(n_histories, n_total)
         real(dp), intent(in) :: velocity(n_batch, 3, n_nodes)
-        real(dp), intent(inout) :: load_amplitude(n_loads), force(n_batch, 3, n_nodes)
+        real(dp), intent(inout) :: force(n_batch, 3, n_nodes)
         real(dp), intent(out) :: power(n_batch)               !! [W]
+        real(dp) :: run_force(n_batch, 3, n_loads)
 
         call add_loads(load_arrays(load_node=load_node, load_vector=load_vector, &
                                    load_history=load_history, load_delay=load_delay, &
                                    load_member=load_member, history=history), &
-                       step, n_nodes, velocity, load_amplitude, force, power)
+                       load_runs(load_node), step, n_nodes, velocity, run_force, force, power)
     end subroutine load_forces
 
     subroutine viscous_forces(n_nodes, n_dashpots, dt, node_mass, node_alpha, dashpot_node, &

@@ -1,36 +1,66 @@
 module pyblast_boundaries
     !! Forces that the outside world puts on nodes, and motions that it prescribes.
-    use pyblast_kinds, only : dp
+    use pyblast_kinds, only : dp, least_shared
     use pyblast_batch, only : n_batch
     use pyblast_model_types, only : boundary_arrays, load_arrays, node_arrays
     implicit none
     private
-    public :: load_forces, load_power, viscous_forces, reaction_forces
+    public :: load_forces, load_power, load_runs, viscous_forces, reaction_forces
 
 contains
 
-    pure subroutine load_forces(loads, step, n_nodes, velocity, amplitude, force, power)
+    subroutine load_forces(loads, start, step, n_nodes, velocity, run_force, force, power)
         !! Add every load, its vector times the present amplitude of its history, and its power.
         !! Stress on faces, holes and point forces all arrive here; theory.md (4.3), (5.1).
         type(load_arrays), intent(in) :: loads
+        integer, intent(in) :: start(:)                       !! of runs of loads on one node
         integer, intent(in) :: step                           !! from 1
         integer, intent(in) :: n_nodes
         real(dp), intent(in) :: velocity(n_batch, 3, n_nodes)   !! [m/s]
-        real(dp), intent(inout) :: amplitude(:)                 !! of this step (n_loads)
+        real(dp), intent(inout) :: run_force(:, :, :)           !! sum of a run (n_batch, 3, n_runs) [N]
         real(dp), intent(inout) :: force(n_batch, 3, n_nodes)   !! [N]
         real(dp), intent(out) :: power(n_batch)                 !! [W]
-        integer :: k, m, n
+        integer :: r, n
 
-        do k = 1, size(loads%load_node)
-            n = loads%load_node(k)
-            amplitude(k) = delayed(loads%history, loads%load_history(k), step, loads%load_delay(k))
+        !$omp parallel do schedule(static) default(none) shared(loads, start, step, run_force) &
+        !$omp& if (size(loads%load_node) >= least_shared)
+        do r = 1, size(start) - 1
+            run_force(:, :, r) = force_of_run(loads, start(r), start(r + 1) - 1, step)
+        end do
+        !$omp end parallel do
+        do r = 1, size(start) - 1
+            n = loads%load_node(start(r))
+            force(:, :, n) = force(:, :, n) + run_force(:, :, r)
+        end do
+        call load_power(loads, start, n_nodes, velocity, run_force, power)
+    end subroutine load_forces
+
+    pure function load_runs(node) result(start)
+        !! First load of each run of loads on one node, and the end.
+        integer, intent(in) :: node(:)
+        integer, allocatable :: start(:)
+        integer :: k
+
+        start = [1, pack([(k, k = 2, size(node))], node(2:) /= node(:size(node) - 1)), size(node) + 1]
+    end function load_runs
+
+    pure function force_of_run(loads, first, last, step) result(force)
+        !! Sum of the loads first to last, which act on one node [N].
+        type(load_arrays), intent(in) :: loads
+        integer, intent(in) :: first, last, step
+        real(dp) :: force(n_batch, 3), part(3)
+        integer :: k, m
+
+        force = 0.0_dp
+        do k = first, last
+            part = loads%load_vector(:, k)*delayed(loads%history, loads%load_history(k), step, &
+                                                   loads%load_delay(k))
             do m = max(1, loads%load_member(k)), merge(n_batch, loads%load_member(k), &
                                                      loads%load_member(k) == 0)
-                force(m, :, n) = force(m, :, n) + (loads%load_vector(:, k)*amplitude(k))
+                force(m, :) = force(m, :) + part
             end do
         end do
-        call load_power(loads, n_nodes, velocity, amplitude, power)
-    end subroutine load_forces
+    end function force_of_run
 
     pure function delayed(history, row, step, delay) result(amplitude)
         !! A history some steps ago, by a cubic through four samples; nothing before the first.
@@ -56,21 +86,17 @@ contains
         end do
     end function delayed
 
-    pure subroutine load_power(loads, n_nodes, velocity, amplitude, power)
+    pure subroutine load_power(loads, start, n_nodes, velocity, run_force, power)
         !! Power of all loads on the given velocity; arguments as in load_forces.
         type(load_arrays), intent(in) :: loads
-        integer, intent(in) :: n_nodes
-        real(dp), intent(in) :: velocity(n_batch, 3, n_nodes), amplitude(:)
+        integer, intent(in) :: start(:), n_nodes
+        real(dp), intent(in) :: velocity(n_batch, 3, n_nodes), run_force(:, :, :)
         real(dp), intent(out) :: power(n_batch)               !! [W]
-        integer :: k, m
+        integer :: r
 
         power = 0.0_dp
-        do k = 1, size(loads%load_node)
-            do m = max(1, loads%load_member(k)), merge(n_batch, loads%load_member(k), &
-                                                     loads%load_member(k) == 0)
-                power(m) = power(m) + amplitude(k)*dot_product(loads%load_vector(:, k), &
-                                                               velocity(m, :, loads%load_node(k)))
-            end do
+        do r = 1, size(start) - 1
+            power = power + sum(run_force(:, :, r)*velocity(:, :, loads%load_node(start(r))), 2)
         end do
     end subroutine load_power
 

@@ -274,7 +274,9 @@ module pyblast_model_types
         real(dp), allocatable :: block_energy(:, :, :)           !! (n_batch, 5, n_blocks) [J]
         real(dp), allocatable :: block_power(:, :)               !! (n_batch, n_blocks) [W]
         real(dp), allocatable :: layer_velocity(:, :)            !! before the step (3, n_layer_nodes)
-        real(dp), allocatable :: load_amplitude(:)               !! (n_loads)
+        integer, allocatable :: load_start(:)                    !! of runs of loads on one node
+                                                                 !! (n_runs + 1)
+        real(dp), allocatable :: load_force(:, :, :)             !! (n_batch, 3, n_runs) [N]
         real(dp), allocatable :: step_over_mass(:, :, :)         !! dt/m of each component
                                                                  !! (n_batch, 3, n_nodes) [s/kg]
         type(implicit_work) :: implicit

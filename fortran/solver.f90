@@ -11,7 +11,8 @@ module pyblast_solver
     use pyblast_internal_forces, only : zone_forces
     use pyblast_absorbing_layer, only : add_layer_forces, update_layer
     use pyblast_contacts, only : contact_forces
-    use pyblast_boundaries, only : load_forces, load_power, reaction_forces, viscous_forces
+    use pyblast_boundaries, only : load_forces, load_power, load_runs, reaction_forces, &
+        viscous_forces
     use pyblast_time_stepping, only : block_size, gather_forces, move_nodes, record_motion, &
         update_memory, zone_power
     use pyblast_energy_balance, only : grows, insitu_work, write_energies
@@ -131,8 +132,8 @@ contains
                 model%layer, model%contacts, n_nodes, n_slots, n_slots + 2*n_contacts, &
                 nodal%part_force, v, state%layer, nodal%force, nodal%zone_force, &
                 nodal%layer_velocity, before(1, 4))
-            call load_forces(model%loads, step, n_nodes, v, nodal%load_amplitude, nodal%force, &
-                             before(:, 3))
+            call load_forces(model%loads, nodal%load_start, step, n_nodes, v, nodal%load_force, &
+                             nodal%force, before(:, 3))
             if (n_clusters(model%implicit) > 0) call implicit_forces( &
                 model%implicit, n_nodes, v, with_energy, nodal%force, nodal%implicit)
             call viscous_forces(model%boundaries, model%nodes, dt, n_nodes, v, nodal%force, &
@@ -150,7 +151,7 @@ contains
                 model%implicit, n_nodes, v, nodal%implicit, nodal%block_energy(:, 1, 1))
             if (model%layer%n_slabs > 0) call update_layer(model%layer, dt, n_nodes, v, &
                                                            nodal%layer_velocity, state%layer)
-            call load_power(model%loads, n_nodes, v, nodal%load_amplitude, after(:, 3))
+            call load_power(model%loads, nodal%load_start, n_nodes, v, nodal%load_force, after(:, 3))
             after(:, 3) = after(:, 1) + 0.5_dp*dt*after(:, 3)
             if (damped) call zone_power(state%nodes, nodal, after(:, 4))
             after(:, 4) = 0.5_dp*dt*after(:, 4)
@@ -172,7 +173,8 @@ contains
         allocate (work%part_force(n_batch, 3, n_zone_parts(model) &
                                   + 2*size(model%contacts%contact_joint)))
         allocate (work%block_energy(n_batch, 5, n_blocks), work%block_power(n_batch, n_blocks))
-        allocate (work%load_amplitude(size(model%loads%load_node)))
+        work%load_start = load_runs(model%loads%load_node)
+        allocate (work%load_force(n_batch, 3, size(work%load_start) - 1))
         if (model%layer%n_slabs > 0) &
             allocate (work%layer_velocity(3, size(model%layer%layer_node)))
         allocate (work%implicit%solution(n_batch, 3, size(model%implicit%implicit_node)))

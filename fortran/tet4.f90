@@ -6,7 +6,7 @@ module pyblast_tet4
     use pyblast_kinds, only : dp
     implicit none
     private
-    public :: add_zone_force, tet4_energy, tet4_forces, tet4_strains
+    public :: tet4_energy, tet4_forces, tet4_strains, tet4_stress_forces
 
     integer, parameter :: width = 32
 
@@ -78,26 +78,37 @@ contains
         end do
     end subroutine tet4_strains
 
-    pure subroutine add_zone_force(n_slots, slot, position, stress, force)
-        !! Add the corner forces of one zone of a given stress; theory.md (2.3).
-        integer, intent(in) :: n_slots, slot(4)
-        real(dp), intent(in) :: position(3, n_slots), stress(6)
+    pure subroutine tet4_stress_forces(n_zones, n_slots, first, last, zone_slot, position, stress, &
+                                       force)
+        !! Add the corner forces of a given stress in zones first to last; theory.md (2.3).
+        integer, intent(in) :: n_zones, n_slots, first, last, zone_slot(n_zones, 4)
+        real(dp), intent(in) :: position(3, n_slots), stress(first:last, 6)
         real(dp), intent(inout) :: force(3, n_slots)
-        real(dp) :: area(width, 3, 3), inverse(width), corner(3, 3)
-        integer :: k
+        real(dp) :: area(width, 3, 3), inverse(width), s(width, 6), corner(width, 3, 3)
+        integer :: z, n, i, k
 
-        call face_areas(1, n_slots, slot(1:1), slot(2:2), slot(3:3), slot(4:4), position, area, inverse)
-        do k = 1, 3
-            associate (g => area(1, :, k))
-                corner(1, k) = stress(1)*g(1) + stress(6)*g(2) + stress(5)*g(3)
-                corner(2, k) = stress(6)*g(1) + stress(2)*g(2) + stress(4)*g(3)
-                corner(3, k) = stress(5)*g(1) + stress(4)*g(2) + stress(3)*g(3)
+        do z = first, last, width
+            n = min(width, last - z + 1)
+            s(:n, :) = -stress(z:z + n - 1, :)/6.0_dp
+            if (.not. any(abs(s(:n, :)) > 0.0_dp)) cycle
+            associate (s1 => zone_slot(z:, 1), s2 => zone_slot(z:, 2), s3 => zone_slot(z:, 3), &
+                       s4 => zone_slot(z:, 4))
+                call face_areas(n, n_slots, s1, s2, s3, s4, position, area, inverse)
+                do k = 1, 3
+                    !$omp simd
+                    do i = 1, n
+                        corner(i, 1, k) = s(i, 1)*area(i, 1, k) + s(i, 6)*area(i, 2, k) &
+                            + s(i, 5)*area(i, 3, k)
+                        corner(i, 2, k) = s(i, 6)*area(i, 1, k) + s(i, 2)*area(i, 2, k) &
+                            + s(i, 4)*area(i, 3, k)
+                        corner(i, 3, k) = s(i, 5)*area(i, 1, k) + s(i, 4)*area(i, 2, k) &
+                            + s(i, 3)*area(i, 3, k)
+                    end do
+                end do
+                call collect(n, n_slots, s1, s2, s3, s4, corner, force)
             end associate
-            force(:, slot(k + 1)) = force(:, slot(k + 1)) - corner(:, k)/6.0_dp
         end do
-        force(:, slot(1)) = force(:, slot(1)) &
-            + (corner(:, 1) + corner(:, 2) + corner(:, 3))/6.0_dp
-    end subroutine add_zone_force
+    end subroutine tet4_stress_forces
 
     pure subroutine face_areas(n, n_slots, s1, s2, s3, s4, position, area, inverse)
         !! Twice the area vectors of the faces opposite corners 2 to 4, and one over six volumes.

@@ -2,7 +2,7 @@ module pyblast_tet4_general
     !! Constant-strain tetrahedra one by one, each by the linear law of its set.
     use pyblast_kinds, only : dp, n_zone_properties
     use pyblast_elasticity, only : work
-    use pyblast_tet4, only : add_zone_force, tet4_strains
+    use pyblast_tet4, only : tet4_strains, tet4_stress_forces
     use pyblast_zone_laws, only : elastic_stress
     implicit none
     private
@@ -23,8 +23,8 @@ contains
         logical, intent(in) :: damped                           !! whether there is any lag
         real(dp), intent(inout) :: force(3, n_slots)            !! [N]
         real(dp), intent(out) :: strain_energy                  !! [J]
-        real(dp), dimension(first:last, 6) :: strain, more
-        real(dp) :: volume(first:last), reach(first:last), stress(6)
+        real(dp), dimension(first:last, 6) :: strain, more, stress
+        real(dp) :: volume(first:last), reach(first:last)
         integer :: z
 
         strain_energy = 0.0_dp
@@ -33,12 +33,12 @@ contains
         if (damped) call tet4_strains(n_zones, n_slots, first, last, zone_slot, position, lag, more, &
                                         volume, reach)
         do z = first, last
-            stress = elastic_stress(law, property, zone_lambda(z), zone_shear(z), strain(z, :))
-            strain_energy = strain_energy + 0.5_dp*volume(z)*work(stress, strain(z, :))
-            if (damped) stress = stress &
+            stress(z, :) = elastic_stress(law, property, zone_lambda(z), zone_shear(z), strain(z, :))
+            strain_energy = strain_energy + 0.5_dp*volume(z)*work(stress(z, :), strain(z, :))
+            if (damped) stress(z, :) = stress(z, :) &
                 + elastic_stress(law, property, zone_lambda(z), zone_shear(z), more(z, :))
-            call add_zone_force(n_slots, zone_slot(z, :), position, stress, force)
         end do
+        call tet4_stress_forces(n_zones, n_slots, first, last, zone_slot, position, stress, force)
     end subroutine tet4_general_forces
 
 end module pyblast_tet4_general

@@ -10,8 +10,8 @@ module pyblast_tet4_plastic
     use pyblast_elasticity, only : hooke_work
     use pyblast_model_types, only : domain_range, domain_work, mesh_arrays, model_arrays, &
         zone_state
-    use pyblast_tet4, only : add_zone_force, tet4_strains
-    use pyblast_zone_laws, only : elastic_stress, zone_stress, zone_yield_margins
+    use pyblast_tet4, only : tet4_strains, tet4_stress_forces
+    use pyblast_zone_laws, only : elastic_stress, strength_changes, zone_stress, zone_yield_margins
     implicit none
     private
     public :: patch_forces, plastic_forces
@@ -153,33 +153,40 @@ contains
         type(zone_state), intent(inout) :: zones
         real(dp), intent(out) :: yield_margin          !! 0 where there is plastic strain [m]
         real(dp), intent(inout) :: force(3, n_slots)
-        real(dp) :: before(domain%first_zone:domain%last_zone, 6)
+        real(dp), dimension(domain%first_zone:domain%last_zone, 6) :: before, elastic
         real(dp), dimension(domain%first_zone:domain%last_zone) :: margin, same_volume, same_reach
-        logical :: yields(domain%first_zone:domain%last_zone)
+        logical, dimension(domain%first_zone:domain%last_zone) :: yielded, yields
+        logical :: fixed
         integer :: z
 
         associate (mesh => model%mesh, first => domain%first_zone, last => domain%last_zone, &
                    law => model%ground%set_law(domain%set), &
                    property => model%ground%set_property(:, m, domain%set))
-            call zone_yield_margins(law, last - first + 1, property, mesh%zone_lambda(first:last), &
-                                    mesh%zone_shear(first:last), initial, strain, margin)
-            yield_margin = max(0.0_dp, minval(margin/reach)*(1.0_dp - spare) &
-                               - rounding*maxval(abs(motion)))
+            fixed = .not. strength_changes(law, property)
             do z = first, last
-                yields(z) = .not. margin(z) > 0.0_dp &
-                    .or. any(abs(zones%row_state(7:, m, mesh%zone_row(z))) > 0.0_dp)
+                associate (state => zones%row_state(:, m, mesh%zone_row(z)))
+                    yielded(z) = any(abs(state(7:merge(12, 14, fixed))) > 0.0_dp)
+                    elastic(z, :) = strain(z, :) - state(7:12)
+                end associate
             end do
-            if (.not. any(yields)) return
+            call zone_yield_margins(law, last - first + 1, property, mesh%zone_lambda(first:last), &
+                                    mesh%zone_shear(first:last), initial, elastic, margin)
+            yields = .not. margin > 0.0_dp .or. (yielded .and. .not. fixed)
             yield_margin = 0.0_dp
-            call mean_strains(mesh, domain, n_slots, motion - step, before, same_volume, &
-                              same_reach)
+            if (.not. any(yielded .or. yields)) then
+                yield_margin = max(0.0_dp, minval(margin/reach)*(1.0_dp - spare) &
+                                   - rounding*maxval(abs(motion)))
+                return
+            end if
+            if (any(yields)) call mean_strains(mesh, domain, n_slots, motion - step, before, &
+                                               same_volume, same_reach)
             do z = first, last
                 if (yields(z)) call yield_zone(law, property, mesh%zone_lambda(z), &
                                                mesh%zone_shear(z), initial(z, :), before(z, :), &
                                                strain(z, :), zones%row_state(:, m, mesh%zone_row(z)), &
                                                zones%row_lost(m, mesh%zone_row(z)))
             end do
-            call plastic_strain_forces(model, domain, m, n_slots, yields, volume, zones, force)
+            call plastic_strain_forces(model, domain, m, n_slots, volume, zones, force)
         end associate
     end subroutine yield_zones
 
@@ -229,44 +236,40 @@ contains
         call zone_stress(law, property, lambda, shear, initial, strain, state, stress, stored, lost)
     end subroutine yield_zone
 
-    pure subroutine plastic_strain_forces(model, domain, m, n_slots, yields, volume, zones, force)
+    pure subroutine plastic_strain_forces(model, domain, m, n_slots, volume, zones, force)
         !! Forces that plastic strain puts on the nodes, mean stress shared by patches; (2.42).
         type(model_arrays), intent(in) :: model
         type(domain_range), intent(in) :: domain
         integer, intent(in) :: m, n_slots
-        logical, intent(in) :: yields(domain%first_zone:domain%last_zone)
         real(dp), intent(in) :: volume(domain%first_zone:domain%last_zone)     !! [m3]
         type(zone_state), intent(in) :: zones
         real(dp), intent(inout) :: force(3, n_slots)                           !! [N]
         real(dp), dimension(0:domain%last_zone - domain%first_zone + 1) :: whole, pressure
-        real(dp) :: stress(6), mean
+        real(dp) :: stress(domain%first_zone:domain%last_zone, 6), mean
         integer :: z, p
 
         associate (mesh => model%mesh, law => model%ground%set_law(domain%set), &
                    property => model%ground%set_property(:, m, domain%set), &
-                   place => model%mesh%slot_place(:, domain%first_slot:domain%last_slot))
+                   position => model%mesh%slot_place(:, domain%first_slot:domain%last_slot))
             whole = 0.0_dp
             pressure = 0.0_dp
             do z = domain%first_zone, domain%last_zone
                 p = mesh%zone_patch(z)
                 whole(p) = whole(p) + volume(z)
-                if (.not. yields(z)) cycle
-                stress = -elastic_stress(law, property, mesh%zone_lambda(z), mesh%zone_shear(z), &
-                                         zones%row_state(7:12, m, mesh%zone_row(z)))
-                if (p > 0) then
-                    mean = (stress(1) + stress(2) + stress(3))/3.0_dp
-                    pressure(p) = pressure(p) + volume(z)*mean
-                    stress(1:3) = stress(1:3) - mean
-                end if
-                call add_zone_force(n_slots, mesh%zone_slot(z, :), place, stress, force)
+                stress(z, :) = -elastic_stress(law, property, mesh%zone_lambda(z), &
+                                               mesh%zone_shear(z), &
+                                               zones%row_state(7:12, m, mesh%zone_row(z)))
+                if (p == 0) cycle
+                mean = (stress(z, 1) + stress(z, 2) + stress(z, 3))/3.0_dp
+                pressure(p) = pressure(p) + volume(z)*mean
+                stress(z, 1:3) = stress(z, 1:3) - mean
             end do
             do z = domain%first_zone, domain%last_zone
                 p = mesh%zone_patch(z)
-                if (p == 0 .or. .not. abs(pressure(p)) > 0.0_dp) cycle
-                stress = 0.0_dp
-                stress(1:3) = pressure(p)/whole(p)
-                call add_zone_force(n_slots, mesh%zone_slot(z, :), place, stress, force)
+                if (p > 0) stress(z, 1:3) = stress(z, 1:3) + pressure(p)/whole(p)
             end do
+            call tet4_stress_forces(size(mesh%zone_lambda), n_slots, domain%first_zone, &
+                                    domain%last_zone, mesh%zone_slot, position, stress, force)
         end associate
     end subroutine plastic_strain_forces
 

@@ -10,7 +10,8 @@ module pyblast_zone_laws
     use pyblast_ubiquitous_joints, only : ubiquitous_joints
     implicit none
     private
-    public :: elastic_stress, has_memory, zone_law_signature, zone_yield_margins, zone_stress
+    public :: elastic_stress, has_memory, strength_changes, zone_law_signature, zone_stress, &
+        zone_yield_margins
 
     integer, parameter, public :: isotropic_law = 1   !! linear: computed by pyblast_tet4
 
@@ -51,8 +52,17 @@ contains
         yes = law >= 3
     end function has_memory
 
+    pure function strength_changes(law, property) result(yes)
+        !! Tell whether zones that have yielded may be weaker than zone_yield_margins takes them.
+        integer, intent(in) :: law
+        real(dp), intent(in) :: property(n_zone_properties)
+        logical :: yes
+
+        yes = law /= 3 .or. any(abs(property(5:8) - property(1:4)) > 0.0_dp)
+    end function strength_changes
+
     pure subroutine zone_yield_margins(law, n, property, lambda, shear, initial, strain, yield_margin)
-        !! Strain that untouched zones can gain before one may yield; 0 or less where it may now.
+        !! Strain that zones at full strength can gain before one may yield; 0 or less where it may now.
         integer, intent(in) :: law, n
         real(dp), intent(in) :: property(n_zone_properties)
         real(dp), intent(in) :: lambda(n), shear(n)    !! Lame moduli [Pa]

@@ -46,7 +46,7 @@ N_ZONE_STATE = int(_core.pyblast_kinds.n_zone_state)
 N_ZONE_PROPERTIES = int(_core.pyblast_kinds.n_zone_properties)
 INDEX_ENDINGS = (
     "_node", "_slot", "_part", "_joint", "_law", "_history", "_start", "_set", "_row", "_patch",
-    "_member", "_form", "_axis",
+    "_member", "_form", "_axis", "_zone",
 )  # fmt: skip
 # Arrays that differ between the members of a batch, and the axis of the members.
 BATCH_AXIS = {
@@ -192,6 +192,15 @@ def stored_at_rest(constants, state):
     views = to_fortran({name: constants[name] for name in names})
     energy = _core.pyblast_border.stored_at_rest(**views, contact_state=state[:, None].T)
     return energy.T[..., 0]
+
+
+def smooth(tables, points):
+    """Smooth points (n_nodes, 3) in place, with the arguments of ``pyblast_smoothing``."""
+    arrays = {
+        name: value if value.dtype == np.float64 else value.astype(np.int32)
+        for name, value in tables.items()
+    }
+    _core.pyblast_smoothing.smooth(**to_fortran(arrays), position=points.T)
 
 
 def numbered(arrays):

@@ -24,6 +24,7 @@ import numpy as np
 
 from pyblast.errors import contained
 from pyblast.inference.records import band_functions
+from pyblast.project.project import load_project
 from pyblast.project.result import write_text
 from pyblast.recordings.recording import read_stations
 from pyblast.runs.parallel import workers
@@ -68,7 +69,7 @@ def judged(cases, name, keep, executor):
         path, misfits[model] = out / f"{model}.mseed", None
         with contained(failures, f"prediction, {model}"):
             predict_file(folder, out, answer, truth_folder / f"{BLAST}_holes.csv", path, baseline)
-            misfits[model] = _misfit(truth_folder / f"{BLAST}.mseed", path, _band(folder))
+            misfits[model] = _misfit(truth_folder / f"{BLAST}.mseed", path, folder)
     truth = tomllib.loads((truth_folder / "truth.toml").read_text())
     geometry = {"geometry": truth["template"]} if "template" in truth else {}
     return {
@@ -134,16 +135,20 @@ def _band(folder):
     return tomllib.loads((folder / "site.toml").read_text())["recording"]["band_hz"]
 
 
-def _misfit(recorded, predicted, band_hz):
-    """Return the median over receivers of the energy of the difference over that of the record."""
+def _misfit(recorded, predicted, folder):
+    """Return the median over receivers of the energy of the difference over that of the record.
+
+    Records go through the low-pass of what enters, as those of the diagnosis do.
+    """
     there, here = (read_stations(path) for path in (recorded, predicted))
-    found = []
+    corner = load_project(folder).low_pass if folder.is_file() else None
+    misfits = []
     for name, one in there.items():
-        record = one.seismogram
-        band = band_functions(len(record.velocity), record.dt, band_hz)
+        record = one.filtered_like(corner).seismogram
+        band = band_functions(len(record.velocity), record.dt, _band(folder))
         data, model = (v.T @ band.basis for v in (record.velocity, here[name].seismogram.velocity))
-        found.append(np.sum((data - model) ** 2) / np.sum(data**2))
-    return round(float(np.median(found)), 5)
+        misfits.append(np.sum((data - model) ** 2) / np.sum(data**2))
+    return round(float(np.median(misfits)), 5)
 
 
 def table(rows):

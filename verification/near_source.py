@@ -5,13 +5,16 @@
 A box of elements of about 66 m (40 Hz, rock of 2300 m/s) is moved so that the source lies in the
 middle of an element, on a face, an edge or a corner; receivers stand in three directions in a full
 space, on the surface in three azimuths above a source 8 m deep. Bell of 12 Hz. The error is that
-of the three components over the whole record. Writes the rows that
-``verification/near_source.json`` lacks and the table of docs/quality/verification.md; ``--page``
-writes the table alone.
+of the three components over the whole record. Rows of an order have the source over a sphere;
+"injected" ones stand in a box of five elements, where the program injects, "widened" ones in
+three, where it goes on beyond the sides to do so; in "graded" ones it shortens edges. A quarry of
+18 holes stands for the whole of it. Writes the rows that ``verification/near_source.json`` lacks
+and the tables of docs/quality/verification.md; ``--page`` writes the tables alone.
 """
 
 import sys
 import tempfile
+import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -20,6 +23,7 @@ import numpy as np
 from pyblast.model.source import Column, TimeFunction
 from pyblast.project.project import Project
 from pyblast.project.result import write_text
+from pyblast.solver.preparation import prepare
 from pyblast.solver.run import simulate
 
 from .rows import each_row, options, read_rows
@@ -31,6 +35,11 @@ PAGE = Path(__file__).resolve().parents[1] / "docs" / "quality" / "verification.
 BEGIN, END = "<!-- near: from verification/near_source.json -->", "<!-- end of near -->"
 BELL = Bell(12.0)
 SIZE, EDGES = 198.0, 3  # of the box in m, and elements along it
+WIDE = 2  # more elements along it, in the middle of which is room for an injection
+QUARRY_HOLES = [(5.0 * i, 4.0 * j, -8.0) for i in range(6) for j in range(3)]
+QUARRY_DELAY = 0.009
+QUARRY = {"between": (12.5, 6), "5": (30, 8), "10": (35, 8), "20": (45, 4), "30": (55, 4),
+          "55": (75, 30), "100": (125, 4), "200": (225, 20), "275": (300, -20)}  # fmt: skip
 PLACES = {"middle": (0.5, 0.5, 0.5), "face": (0.0, 0.5, 0.5), "edge": (0.0, 0.0, 0.5),
           "corner": (0.0, 0.0, 0.0)}  # fmt: skip
 ON_SURFACE = {"middle": (0.5, 0.5), "face": (0.0, 0.5), "edge": (0.0, 0.0)}
@@ -47,8 +56,7 @@ def tables(source, low, receivers, surface, **mesh):
     parts = {
         "title": "Near a source",
         "mesh": {
-            "size_m": [SIZE, SIZE, SIZE], "origin_m": low,
-            "layers": [{"material": "rock"}], **mesh,
+            "origin_m": low, "layers": [{"material": "rock"}], **mesh,
         },
         "materials": {"rock": {"density_kg_per_m3": 2600, "cp_m_per_s": 4000, "cs_m_per_s": 2300}},
         "boundaries": {"viscous": sides},
@@ -70,20 +78,33 @@ def tables(source, low, receivers, surface, **mesh):
 def measured(name):
     """Return the worst error at each distance of a row such as "explosion, order 5, corner"."""
     source, elements, place = name.split(", ")
+    if source == "quarry":
+        return quarry(elements)
+    mesh, wide = {"frequency_hz": 40, "near_source_work": 1.0}, 0
     if elements == "quadratic":
         mesh = {"kind": "tetrahedra", "quadratic": True, "edge_m": 19.2}
+    elif elements == "injected":
+        wide = WIDE
+    elif elements in ("widened", "graded"):
+        mesh["near_source_work"] = 30.0
     else:
-        mesh = {"frequency_hz": 40, "order": int(elements.split()[1])}
+        mesh["order"] = int(elements.split()[1])
     surface = source == "buried explosion"
     share = np.array((*ON_SURFACE[place], 0.0) if surface else PLACES[place])
-    low = -SIZE / EDGES * (share + np.array([1.0, 1.0, 1.0]))
+    low = -SIZE / EDGES * (share + 1.0 + 0.5 * wide)
+    mesh["size_m"] = [SIZE * (1.0 + wide / EDGES)] * 3
     turned = np.column_stack([np.cos(AZIMUTHS), np.sin(AZIMUTHS), 0.0 * AZIMUTHS])
     rays, middle = (turned, [0.0, 0.0, DEPTH]) if surface else (RAYS, [0.0, 0.0, 0.0])
     if surface:
-        low[2] = DEPTH - SIZE
+        low[2] = DEPTH - mesh["size_m"][2]
     receivers = [np.array(middle) + r * ray for r in AWAY for ray in rays]
-    project = written(tables(source, low.tolist(), receivers, surface, **mesh))
+    parts = tables(source, low.tolist(), receivers, surface, **mesh)
+    if elements == "graded" and surface:  # sources of a given radius are not injected
+        parts["moment_tensors"][0]["spread_m"] = DEPTH
+    project = written(parts)
     model = project.model
+    if elements.startswith("order"):
+        model = replace(model, injected=False)
     if source == "column":
         values, dt = BELL.samples()
         ends = np.array([[0.0, 0.0, -0.5 * LENGTH], [0.0, 0.0, 0.5 * LENGTH]])
@@ -100,12 +121,56 @@ def measured(name):
     return {"errors": {f"{r}": round(float(e), 4) for r, e in zip(AWAY, worst, strict=True)}}
 
 
-def written(parts):
+def quarry(way):
+    """Return the errors of 18 holes, the seconds of processor of their run, nodes and steps."""
+    low, size = [-80.0, -86.0, -96.0], [410.0, 180.0, 96.0]
+    receivers = [(*at, 0.0) for at in QUARRY.values()]
+    parts = tables("buried explosion", low, receivers, True, size_m=size, frequency_hz=40)
+    parts["mesh"]["near_source_work"] = 30.0 if way == "graded" else 1.0
+    parts["run"]["duration_s"] = 0.5
+    parts["moment_tensors"] = [
+        {"position_m": list(hole), "tensor": [1, 1, 1, 0, 0, 0], "file": f"rate{n}.csv"}
+        for n, hole in enumerate(QUARRY_HOLES)
+    ]
+    if way == "graded":  # sources of a given radius are not injected
+        for part in parts["moment_tensors"]:
+            part["spread_m"] = DEPTH
+    project = written(parts, len(QUARRY_HOLES))
+    model = replace(project.model, injected=way == "injected")
+    began = time.process_time()
+    prepared = prepare(model, project.duration)
+    began, before = time.process_time(), time.process_time() - began
+    records = simulate(model, project.duration, prepared=prepared).seismograms
+    seconds = time.process_time() - began
+    wanted, times = np.zeros((len(receivers), len(records["0"].times), 3)), records["0"].times
+    for number, hole in enumerate(QUARRY_HOLES):
+        offset = np.array(receivers)[:, :2] - hole[:2]
+        away = np.hypot(*offset.T)
+        late = times - number * QUARRY_DELAY
+        motion = 1e9 * surface_motion(BELL, 75.0, DEPTH, away, np.maximum(late, 0.0),
+                                      model.materials["rock"])  # fmt: skip
+        motion[:, late < 0.0] = 0.0
+        wanted[..., :2] += motion[..., :1] * (offset / away[:, None])[:, None]
+        wanted[..., 2] += motion[..., 1]
+    errors = [
+        np.linalg.norm(records[f"{n}"].velocity - motion) / np.linalg.norm(motion)
+        for n, motion in enumerate(wanted)
+    ]
+    return {
+        "errors": {key: round(float(e), 4) for key, e in zip(QUARRY, errors, strict=True)},
+        "nodes": len(model.nodes.points), "steps": prepared.n_steps,
+        "prepare_s": round(before, 1), "run_s": round(seconds, 1),
+    }  # fmt: skip
+
+
+def written(parts, delayed=0):
     """Return the project of tables, with its histories in a folder."""
     folder = Path(tempfile.mkdtemp())
     values, dt = BELL.samples()
-    for file, title in (("rate.csv", "moment_rate_Nm_per_s"), ("force.csv", "force_n")):
-        rows = [f"{n * dt:.9g},{1e9 * value:.9g}" for n, value in enumerate(values)]
+    files = [("rate.csv", "moment_rate_Nm_per_s", 0.0), ("force.csv", "force_n", 0.0)]
+    files += [(f"rate{n}.csv", "moment_rate_Nm_per_s", n * QUARRY_DELAY) for n in range(delayed)]
+    for file, title, late in files:
+        rows = [f"{late + n * dt:.9g},{1e9 * value:.9g}" for n, value in enumerate(values)]
         (folder / file).write_text("\n".join([f"time_s,{title}", *rows]) + "\n")
     return Project.from_dict(parts, folder)
 
@@ -140,6 +205,14 @@ NAMES = [
     "explosion, quadratic, middle",
     *(f"{s}, order 5, {place}" for s in ("couple", "force", "column") for place in PLACES),
     *(f"buried explosion, order 5, {place}" for place in ON_SURFACE),
+    *(f"explosion, injected, {place}" for place in PLACES),
+    *(f"buried explosion, injected, {place}" for place in ON_SURFACE),
+    "explosion, widened, corner",
+    "buried explosion, widened, edge",
+    "couple, graded, corner",
+    "force, graded, corner",
+    "buried explosion, graded, edge",
+    *(f"quarry, {way}, 18 holes" for way in ("spheres", "injected", "graded")),
 ]
 
 
@@ -150,9 +223,17 @@ def table(rows):
         "|---|" + "---|" * len(AWAY),
     ]
     for name in NAMES:
-        if name in rows:
+        if name in rows and not name.startswith("quarry"):
             cells = [f"{100 * rows[name]['errors'][f'{r}']:.2g}" for r in AWAY]
             lines.append(f"| {name} | " + " | ".join(cells) + " |")
+    head = "| quarry | nodes × steps | s to prepare, to run | "
+    lines += ["", head + " | ".join(QUARRY) + " m |", "|---|---|---|" + "---|" * len(QUARRY)]
+    for name in NAMES:
+        if name in rows and name.startswith("quarry"):
+            row = rows[name]
+            cells = [f"{row['nodes']} × {row['steps']}", f"{row['prepare_s']}, {row['run_s']}"]
+            cells += [f"{100 * row['errors'][at]:.2g}" for at in QUARRY]
+            lines.append(f"| {name.split(', ')[1]} | " + " | ".join(cells) + " |")
     return lines
 
 

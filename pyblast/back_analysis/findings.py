@@ -13,8 +13,7 @@ from ..project.places import source_names
 from ..signals.comparison import in_common
 from ..solver.injection import near_receivers
 from .fit import ENOUGH, HALF, LACK
-from .parameters import blasts_of, chosen_records
-from .trials import band_of
+from .parameters import chosen_records, fitted_blasts
 from .waveforms import window_of
 
 DATA_PER_PARAMETER = 20  # coefficients of waveforms, below which there is a finding
@@ -35,13 +34,14 @@ def findings_of_table(project) -> list[Finding]:
     table = project.config.back_analysis
     if table is None:
         return []
-    n_parameters, blasts = len(table.parameters), blasts_of(project)
+    n_parameters, (blasts, carried) = len(table.parameters), fitted_blasts(project)
     findings = []
     if table.misfit == "paper":
         findings = [few_peaks(blasts, n_parameters)]
     elif table.misfit == "waveform":
         findings = few_coefficients(blasts, n_parameters)
     findings += late_records(blasts)
+    findings += [] if carried is None else [carried]
     findings += near_sources(blasts)
     if table.method in ("paper", "paper_eq15"):
         findings += [hot_annealing(table.runs), annealing_against_random(n_parameters, table.runs)]
@@ -278,7 +278,7 @@ def _reversed(result):
         if confirmed is None:
             continue
         for receiver, record in confirmed.recorded.items():
-            values = _correlation(record, confirmed.simulated[receiver], band_of(project))
+            values = _correlation(record, confirmed.simulated[receiver], project.compared_band)
             for component, value in zip(record.components, values, strict=True):
                 if value < REVERSED:
                     numbers[f"{project.path.name}, {receiver}, {component}"] = float(value)

@@ -8,12 +8,13 @@ import numpy as np
 
 from ..config.config import BackAnalysisConfig
 from ..config.section import check_path, value_at
-from ..errors import InputError, named_error
+from ..errors import Finding, InputError, named_error
 from ..inference.parameter import Parameter
 from ..model.material import Material
 from ..project.ground import joint_of_surface
 from ..project.places import resolved_receivers
 from ..project.project import CHEAP, Project, load_project, vary
+from ..project.validity import carried_band
 from ..signals.seismogram import Seismogram
 from ..solver.assembly import time_step
 from ..solver.run import run_many
@@ -110,6 +111,22 @@ def blasts_of(project: Project) -> tuple[Project, ...]:
                 "[receivers.recorded], or use backanalyse --design-survey, which needs none"
             )
     return blasts
+
+
+def fitted_blasts(project: Project) -> tuple[tuple[Project, ...], Finding | None]:
+    """Return the recorded blasts in the band that their meshes carry, and D40 where it is less.
+
+    Raises
+    ------
+    InputError
+        As `blasts_of`, and if the meshes carry nothing of the band.
+    """
+    blasts = blasts_of(project)
+    names = {name for blast in blasts for name in chosen_records(blast, project)}
+    band, finding = carried_band(blasts, blasts[0].compared_band, sorted(names))
+    if finding is None:
+        return blasts, None
+    return tuple(blast.having(compared_band=band) for blast in blasts), finding
 
 
 def chosen_records(blast: Project, project: Project) -> dict[str, Seismogram]:

@@ -28,12 +28,13 @@ from .parameters import (
     check_parameters,
     chosen_records,
     common_time_step,
+    fitted_blasts,
     parameters_of,
     table_of,
     with_values,
 )
 from .survey_design import SurveyDesign, constraint_of, ranges_of, survey_design_at
-from .trials import Target, band_of, misfit_of
+from .trials import Target, misfit_of
 from .waveforms import make_waveforms
 
 METHODS: dict[str, Search] = {
@@ -188,9 +189,9 @@ def make_target(project: Project) -> Target:
             f"{where}.method: 'levenberg' needs residuals, and misfit '{table.misfit}' has "
             "none; take 'random'"
         )
-    blasts = blasts_of(project)
-    for blast in blasts:
+    for blast in blasts_of(project):
         check_parameters(blast, parameters)
+    blasts, _ = fitted_blasts(project)
     steps = tuple(common_time_step(blast, parameters) for blast in blasts)
     waveforms = None
     if table.misfit == "waveform" and table.method != "levenberg":
@@ -248,7 +249,7 @@ def confirm(result: BackAnalysis, projects: Sequence[Project], progress=None) ->
         simulated = varied.simulated(run.seismograms)
         recorded = target.recorded(project)
         comparisons = {
-            name: compare(record, simulated[name], band_of(project))
+            name: compare(record, simulated[name], project.compared_band)
             for name, record in recorded.items()
         }
         confirmed[project.path.name] = Confirmed(simulated, recorded, comparisons, strength)

@@ -101,19 +101,13 @@ def misfit_of(target: Target, motions) -> tuple[float, np.ndarray]:
         return target.waveforms.remaining(motions), np.zeros(0)
     misfits, residuals = zip(
         *(
-            misfit_to(target.misfit, record, simulated[name], band_of(project))
+            misfit_to(target.misfit, record, simulated[name], project.compared_band)
             for project, simulated in zip(target.projects, motions, strict=True)
             for name, record in target.recorded(project).items()
         ),
         strict=True,
     )
     return float(np.mean(misfits)), np.concatenate(residuals)
-
-
-def band_of(project) -> tuple[float, float] | None:
-    """Return the band in Hz in which records are compared, or None for all."""
-    band = project.config.run.compare_band_hz
-    return None if band is None else (band[0], band[1])
 
 
 def _numbers(target, motions):

@@ -125,7 +125,7 @@ def _refuse_empty(projects, records, names, valid):
 def window_of(projects) -> Window:
     """Return the window of blasts: band of comparison or of the input, shortest duration."""
     duration = min(project.config.run.duration_s for project in projects)
-    band = projects[0].config.run.compare_band_hz
+    band = projects[0].compared_band
     if band is None:
         band = (1.0 / duration, max(input_band(project) for project in projects))
     low, high = map(float, band)

@@ -440,7 +440,8 @@ def diagnose(
 
     Calibrates the site, searches a library of effects, and tests the best on records that it was
     not fitted to. Writes diagnosis.json and report.html. After Ctrl-C or SIGTERM the same command
-    goes on; a finished diagnosis of the same input is only read.
+    goes on; a finished diagnosis of the same input is only read. Exits with 3, and predicts
+    nothing, if records or hole tables hold a mistake.
     """
     with exit_codes():
         outputs = [(path, base) for path, base in ((predict_out, False), (predict_baseline, True))
@@ -463,11 +464,14 @@ def diagnose(
         for line in summary_lines(result):
             console.say(line)
         console.say(f"{result['runs']} runs, {result['wall_s']:.0f} s; results: {folder}")
+        if result["outcome"] == "MISTAKE":
+            raise typer.Exit(NOT_TRUSTED)
         for path, baseline in outputs:
             assert predict is not None  # goes with the outputs
-            workflow.predict_case(case, folder, predict, path, baseline=baseline)
+            corner = workflow.predict_case(case, folder, predict, path, baseline=baseline)
             unsure = result["outcome"] in UNSURE and not baseline
-            console.say(f"written: {path}{', from a diagnosis that is unsure' * unsure}")
+            passed = f", low-passed at {corner:.3g} Hz like what enters" if corner else ""
+            console.say(f"written: {path}{passed}{', from a diagnosis that is unsure' * unsure}")
 
 
 @app.command()

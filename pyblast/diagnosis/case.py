@@ -12,6 +12,7 @@ from ..project.flat_box import band_of, check_flat, not_flat
 from ..project.ground import damages_material
 from ..project.places import resolved_receivers
 from ..project.project import ENTERS, Project
+from ..project.validity import carried_band
 from ..signals.seismogram import GEOGRAPHIC, PASS_BAND
 from .thresholds import SHORTEST_RECORD
 
@@ -30,6 +31,8 @@ class Case(Records):
         both horizontals were recorded.
     near : tuple of str
         Receivers with records that stand too near to a source to be compared.
+    carried : str
+        Why only a part of the band is compared; empty where the mesh carries all.
     gain : (n_receivers,) float64, optional
         Factor on simulated motion, as trusted shots show it.
     share : (n_receivers,) float64, optional
@@ -38,6 +41,7 @@ class Case(Records):
 
     project: Project
     near: tuple[str, ...] = ()
+    carried: str = ""
     gain: np.ndarray | None = None
     share: np.ndarray | None = None
 
@@ -84,6 +88,9 @@ def case_of(project: Project, blasts=None) -> Case:
             "case: every receiver stands near a source of some blast, where the mesh makes errors "
             "above 20 % (D38); name blasts that leave one"
         )
+    blasts = [project.of(name) for name in names]
+    limits, carried = carried_band(blasts, limits, receivers)
+    assert limits is not None  # a case has a band
     window = _noise_window(project, names, records)
     recordings = [table[name] for table in records for name in receivers if name in table]
     dt = recordings[0].seismogram.dt
@@ -111,9 +118,8 @@ def case_of(project: Project, blasts=None) -> Case:
     spectra = noise_of(np.where(recorded, noise, np.nan), dt, limits)
     dead = _dead(constant, valid, names, receivers)
     band = band_functions(motion.shape[-1], dt, limits, None if valid.all() else valid)
-    return Case(
-        names, receivers, dt, motion, valid, band, spectra, dead, project=project, near=near
-    )
+    about = {"near": near, "carried": "" if carried is None else carried.text}
+    return Case(names, receivers, dt, motion, valid, band, spectra, dead, project=project, **about)
 
 
 def _gathered(project, highest):

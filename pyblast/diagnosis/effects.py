@@ -295,7 +295,7 @@ def diagnosed(project: Project, values, effects: Sequence[Effect]) -> Project:
     project : Project
         The reference.
     values : (n_calibrated,) float
-        Logarithms of factors on the values of the reference.
+        Logarithms of factors on the values of the reference; empty where none was calibrated.
     effects : sequence of Effect
 
     Raises
@@ -303,7 +303,8 @@ def diagnosed(project: Project, values, effects: Sequence[Effect]) -> Project:
     InputError
         If an effect is impossible in this project.
     """
-    project = with_values(project, calibrated_parameters(project), values)
+    if len(values):
+        project = with_values(project, calibrated_parameters(project), values)
     for effect in effects:
         if effect.hypothesis.on == "site":
             changed = effect.hypothesis.apply(project, effect.target, **effect.parameters)

@@ -524,8 +524,8 @@ def _of_plans(forward, compared) -> Iterator[Mistake]:
         others = np.delete(misfit, b)
         if misfit[b] < SLIGHT or (len(others) and misfit[b] < RATIO * np.min(others)):
             continue
-        yield from _of_delays(forward, compared, b, name)
-        yield from _of_place(forward, compared, b, name)
+        delays = list(_of_delays(forward, compared, b, name))
+        yield from delays or _of_place(forward, compared, b, name)
 
 
 def _of_delays(forward, compared, b, name):

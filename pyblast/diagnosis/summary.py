@@ -77,6 +77,8 @@ def summarise(
                 if receiver.name not in (*case.receivers, *case.near)
             ],
             "receivers_near_a_source": list(case.near),
+            "band_hz": [case.band.low, case.band.high],
+            "band_limited": case.carried,
             "clipped": _clipped(case),
             "low_pass_hz": {name: case.project.of(name).low_pass for name in case.blasts},
             "excluded_share": round(float(np.mean(~case.valid)), 4),

@@ -9,6 +9,7 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
+from ..core import smooth
 from ..errors import InputError
 from . import tetrahedra
 from .blocks import Cells, facets
@@ -16,29 +17,7 @@ from .blocks import Cells, facets
 # Smallest altitude over longest edge: below THIN a zone is smoothed, below SLIVER a sliver.
 THIN = 0.35
 SLIVER = 0.1
-_SWEEPS = 8
-_SETTLED = 0.05  # fraction of moved nodes in a sweep at which smoothing ends
-_STEPS = (0.3, 0.1, 0.03)  # tried in turn, over the smallest altitude of a node
-_GAIN = 1e-3
 _PARALLEL = 1e-9
-_FLAT = 1e-12
-
-
-@dataclass(frozen=True, eq=False)
-class _Colour:
-    """Independent nodes, which share no zone, with their zones (graph colouring).
-
-    Parameters
-    ----------
-    nodes : (n,) int64
-    zone, local, owner : (m,) int64
-        Zone, corner of the node in it, and row of the node in ``nodes``.
-    """
-
-    nodes: np.ndarray
-    zone: np.ndarray
-    local: np.ndarray
-    owner: np.ndarray
 
 
 def thinness(points: np.ndarray, zones: np.ndarray) -> np.ndarray:
@@ -93,115 +72,25 @@ def smoothed(points: np.ndarray, zones: np.ndarray, patches: Sequence[np.ndarray
 
     Notes
     -----
-    The nodes of thin zones descend the gradient of ``sum of V0 (sum |g|^2)^2`` over their zones, V0
-    the initial volume and g the gradients of the shape functions, |g| = 1/altitude. This measures
-    the added mass for a given time step, theory.md (2.13).
+    The nodes of thin zones slide downhill, one after the other, until few of them move: module
+    ``pyblast_smoothing``.
     """
     points = points.copy()
     projectors = tangent_projectors(points, patches)
-    thin = thinness(points, zones) < THIN
     movable = np.trace(projectors, axis1=1, axis2=2) > 0.5
-    nodes = np.unique(zones[thin])
+    nodes = np.unique(zones[thinness(points, zones) < THIN])
     nodes = nodes[movable[nodes]]
-    weight = tetrahedra.volumes(points, zones)
-    colours = _colours(zones, nodes, len(points))
-    waiting = np.ones(len(points), dtype=bool)
-    for _ in range(_SWEEPS):
-        moved = sum(
-            _slide(points, zones, projectors, weight, colour, waiting) for colour in colours
-        )
-        if moved <= _SETTLED * len(nodes):
-            break
+    if len(nodes):
+        corner = np.argsort(zones.ravel(), kind="stable")
+        ends = np.searchsorted(zones.ravel()[corner], [nodes, nodes + 1])
+        own = np.concatenate([corner[low:high] // 4 for low, high in ends.T])
+        tables = {
+            "zone_node": zones, "weight": tetrahedra.volumes(points, zones), "movable_node": nodes,
+            "projector": projectors[nodes], "own_zone": own,
+            "zone_start": np.append(0, np.cumsum(ends[1] - ends[0])),
+        }  # fmt: skip
+        smooth(tables, points)
     return points
-
-
-def _colours(zones, nodes, n_nodes):
-    """Colour nodes so that no two of a colour share a zone."""
-    chosen = np.zeros(n_nodes, dtype=bool)
-    chosen[nodes] = True
-    near = zones[chosen[zones].any(axis=1)]
-    pairs = np.repeat(near, 4, axis=1).ravel(), np.tile(near, (1, 4)).ravel()
-    table = coo_array((np.ones(len(pairs[0]), dtype=np.int8), pairs), (n_nodes, n_nodes)).tocsr()
-    number = np.full(n_nodes, -1)
-    for node in nodes:
-        taken = set(number[table.indices[table.indptr[node] : table.indptr[node + 1]]].tolist())
-        number[node] = next(k for k in range(len(taken) + 1) if k not in taken)
-    corners = np.flatnonzero(number[zones.ravel()] >= 0)
-    corner_node = zones.ravel()[corners]
-    colours = []
-    for k in range(number.max() + 1):
-        mine = number[corner_node] == k
-        corner, owner = np.unique(corner_node[mine], return_inverse=True)
-        colours.append(_Colour(corner, corners[mine] // 4, corners[mine] % 4, owner))
-    return colours
-
-
-def _slide(points, zones, projectors, weight, colour, waiting):
-    """Move the waiting nodes of a colour downhill in place; return the number of moved nodes.
-
-    A node waits (n_nodes,) until it is tried, and again once a neighbour has moved.
-    """
-    nodes, zone, local, owner = _waiting_part(colour, waiting)
-    waiting[nodes] = False
-    count, rows = len(nodes), np.arange(len(zone))
-    corners = np.ascontiguousarray(points[zones[zone]].transpose(1, 2, 0))
-    weight = weight[zone]
-    sharpness, gradients = _sharpness(corners)
-    own = gradients[local, :, rows].T
-    turned = sum(_dot(slope, own) * slope for slope in gradients)
-    force = np.where(np.isfinite(sharpness), weight * sharpness, weight)
-    downhill = np.stack([np.bincount(owner, force * part, count) for part in turned], axis=1)
-    downhill = np.einsum("nij,nj->ni", projectors[nodes], downhill)
-    reach = np.full(count, np.inf)
-    np.minimum.at(reach, owner, 1.0 / np.sqrt(_dot(own, own)))
-    length = np.maximum(np.linalg.norm(downhill, axis=1), np.finfo(float).tiny)
-    downhill = downhill / length[:, None] * reach[:, None]
-    before = np.bincount(owner, weight * sharpness**2, count)
-    staying = np.ones(count, dtype=bool)
-    for share in _STEPS:
-        part = np.flatnonzero(staying[owner])
-        tried = corners[:, :, part]
-        tried[local[part], :, np.arange(len(part))] += share * downhill[owner[part]]
-        after = np.bincount(owner[part], weight[part] * _sharpness(tried)[0] ** 2, count)
-        better = staying & (after < (1.0 - _GAIN) * before)
-        points[nodes[better]] += share * downhill[better]
-        staying &= ~better
-    waiting[zones[zone[~staying[owner]]]] = True
-    return count - np.count_nonzero(staying)
-
-
-def _waiting_part(colour, waiting):
-    """Return nodes, zones, corners and owners of the nodes of a colour that wait."""
-    chosen = waiting[colour.nodes]
-    rows = np.flatnonzero(chosen[colour.owner])
-    owner = (np.cumsum(chosen) - 1)[colour.owner[rows]]
-    return colour.nodes[chosen], colour.zone[rows], colour.local[rows], owner
-
-
-def _sharpness(corners):
-    """Return the sum of squared gradients (n,), infinite if inverted, and gradients (4, 3, n).
-
-    Corners (4, 3, n): components apart, so that each operation runs along memory.
-    """
-    a, b, c = corners[1:] - corners[0]
-    areas = [_cross(b, c), _cross(c, a), _cross(a, b)]
-    areas.insert(0, -sum(areas))
-    volume = _dot(a, areas[1])
-    size = np.sqrt(_dot(a, a) * _dot(b, b) * _dot(c, c))
-    sound = volume > _FLAT * size
-    gradients = np.stack(areas) / np.where(sound, volume, size)
-    return np.where(sound, sum(_dot(slope, slope) for slope in gradients), np.inf), gradients
-
-
-def _dot(a, b):
-    """Return the products (n,) of vectors (3, n)."""
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-
-
-def _cross(a, b):
-    """Return the cross products (3, n) of vectors (3, n)."""
-    pairs = (1, 2), (2, 0), (0, 1)
-    return np.stack([a[i] * b[j] - a[j] * b[i] for i, j in pairs])
 
 
 _FRONTAL_QUADS, _QUADRILATERAL = 8, 3  # algorithm and kind of element of gmsh

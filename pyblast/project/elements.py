@@ -2,17 +2,22 @@
 
 import math
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import chain, pairwise
 
 import numpy as np
 
 from ..errors import InputError, named_error
 from ..mesh.as_built import OF_WAVE, Row, as_built
+from ..mesh.grid import SIDES
 from ..mesh.hexahedral import mapped, subdivided, swept
-from ..mesh.hexahedral.mapped import Builder, NotMapped
+from ..mesh.hexahedral.mapped import Builder, Fine, NotMapped
 from ..mesh.mesh import Mesh, edge_lengths
 from ..mesh.quality import explicit_work
 from ..model.material import ConstantQ
+from ..readers.provenance import ReadLog
+from ..solver.injection import injected_sources
+from ..solver.moment_density import edges_near
 from .ground import make_geometry, make_mesh, mean_edge
 from .surface import make_fractures
 
@@ -32,7 +37,10 @@ LINEAR_EDGE = 0.6  # of linear zones where a law needs them, over that of quadra
 FINER_EDGE = 0.63  # the same for edges of tetrahedra
 SOFT = 0.3  # S speed over that of the ground beneath: docs/quality/verification.md
 SHARP = 0.015  # of an edge: tolerance of tetrahedra where the usual one bends planes
-RELIEF = 0.5 * OF_WAVE  # of the shortest wavelength, of tetrahedra to a survey and to corners
+RELIEF = 0.5 * OF_WAVE  # of the shortest wavelength, of tetrahedra to a survey
+BESIDE = 0.6  # of an edge: radius of the sphere of a source
+RING = 2.2  # edges from a source to an open side, with which it can be injected
+STEP = 0.67  # of the edge before, of the edges that are tried around sources
 LISTED = 3  # rows of a survey in a sentence
 SIZED = ("layers", "refinements")  # parts of the mesh with edges of their own
 TETRAHEDRA = {True: 3.0, False: 10.0}  # edges per wavelength of quadratic and of linear ones
@@ -100,7 +108,8 @@ def make_ground(project) -> Ground:
     obstacle = None if kind == "tetrahedra" else _obstacle(config, materials)
     if kind != "tetrahedra" and obstacle is None:
         try:
-            return _hexahedra(config, materials, asked, wave, project.reach)
+            ground = _hexahedra(config, materials, asked, wave, project.reach)
+            return _resolving(project, ground, asked, wave)
         except NotMapped as reason:
             obstacle = str(reason)
     if kind == "hexahedra":
@@ -110,6 +119,101 @@ def make_ground(project) -> Ground:
         )
     reason = "tetrahedra, as mesh.kind asks for" if obstacle is None else f"tetrahedra: {obstacle}"
     return _tetrahedra(project, asked, wave, reason)
+
+
+def _resolving(project, ground, asked, wave):
+    """Return a ground that resolves the motion at receivers near to sources, as far as it may.
+
+    The same ground where it does; else one that goes on beyond its open sides until explosions can
+    be injected; else one of shorter edges around the sources, as short as
+    ``mesh.near_source_work`` allows.
+    """
+    config = project.config
+    inside = config.holes_inside or config.moment_tensors or config.point_forces
+    received = config.receivers or "receivers" in project.given
+    if config.mesh.near_source_work <= 1.0 or not inside or not received:
+        return ground
+    model = _model_in(project, ground)
+    needed = edges_near(model, injected_sources(model))
+    if not needed:
+        return ground
+    build = partial(_hexahedra, config, project.materials, wave=wave, reach=project.reach)
+    for attempt in (_widened, _graded):
+        better = attempt(project, ground, asked, model, needed, build)
+        if better is not None:
+            return better
+    return ground
+
+
+def _model_in(project, ground):
+    """Return the model of a project on a ground."""
+    return replace(project, log=ReadLog(), given=project.given | {"ground": ground}).model
+
+
+def _widened(project, ground, asked, model, needed, build):
+    """Return a ground whose open sides lie so far from the sources that these are injected."""
+    reach = RING * float(edge_lengths(ground.mesh).max())
+    boxes = [_around(model.sources[number], reach) for number in needed]
+    box = asked.box.copy()
+    for number, side in enumerate(SIDES):
+        axis, end = divmod(number, 2)
+        if side in asked.open_sides:
+            ends = [each[axis, end] for each in boxes]
+            box[axis, end] = max(box[axis, end], *ends) if end else min(box[axis, end], *ends)
+    beyond = not np.array_equal(box[:2], asked.box[:2])
+    if np.array_equal(box, asked.box) or (beyond and asked.surface is not None):
+        return None
+    middle = tuple(asked.box.mean(axis=1))  # where sets without an origin have a joint
+    sets = [replace(part, origin=part.origin or middle) for part in asked.joint_sets]
+    try:
+        wider = build(replace(asked, box=box, joint_sets=tuple(sets)))
+    except InputError:
+        return None
+    work = explicit_work(wider.mesh) / explicit_work(ground.mesh)
+    other = _model_in(project, wider)
+    if work > project.config.mesh.near_source_work or edges_near(other, injected_sources(other)):
+        return None
+    return replace(
+        wider, reason=f"{wider.reason}; {work:.2g} times the work for room around the sources"
+    )
+
+
+def _graded(project, ground, asked, model, needed, build):
+    """Return a ground of shorter edges around sources, for as many receivers as may be."""
+    before, best = explicit_work(ground.mesh), None
+    for least in _steps(np.concatenate([*needed.values()])):
+        lines = []
+        for number, edges in needed.items():
+            if edges.max() >= least:
+                edge = float(edges[edges >= least].min())
+                lines.append(Fine(_around(model.sources[number], BESIDE * edge), edge))
+        try:
+            finer = build(asked, lines=lines)
+        except InputError:  # not mapped any more, or beyond the memory
+            break
+        work = explicit_work(finer.mesh) / before
+        if work > project.config.mesh.near_source_work:
+            break
+        words = f"edges from {least:.3g} m around the sources, {work:.2g} times the work"
+        best = replace(finer, reason=f"{finer.reason}; {words}")
+    return best
+
+
+def _steps(edges):
+    """Return some of the edges (n,) in m, the longest first, each shorter by a third at least."""
+    steps = []
+    for edge in sorted(edges, reverse=True):
+        if not steps or edge < STEP * steps[-1]:
+            steps.append(edge)
+    return [*steps[:-1], edges.min()] if len(steps) > 1 else [edges.min()]
+
+
+def _around(source, margin):
+    """Return the box (3, 2) in m of a source and a margin."""
+    ends = getattr(source, "position", None)
+    ends = [source.primed, source.end] if ends is None else [ends]
+    ends = np.array(ends, dtype=float)
+    return np.column_stack([ends.min(axis=0) - margin, ends.max(axis=0) + margin])
 
 
 def _tetrahedra(project, asked, wave, reason):
@@ -196,6 +300,7 @@ def for_band(project, highest: float, accuracy: float = OF_FITS):
     its shortest S wavelength has hexahedra of its own height and as wide as elsewhere.
     """
     mesh, materials = project.config.mesh, project.materials
+    mesh = mesh.model_copy(update={"near_source_work": 1.0})  # one mesh for all sources
     if mesh.kind != "auto" or mesh.file is not None or mesh.grid_cells is not None:
         return mesh
     parts = [(materials[part.material], part.thickness_m) for part in mesh.layers]
@@ -318,7 +423,7 @@ def _frequency(config):
     return None if band is None else band[1]
 
 
-def _hexahedra(config, materials, geometry, wave, reach):
+def _hexahedra(config, materials, geometry, wave, reach, lines=None):
     """Return a ground of hexahedra: the first as asked for, of builders and orders by work.
 
     Tetrahedra are cut into hexahedra where no other serves, then once more with half the edges.
@@ -333,7 +438,7 @@ def _hexahedra(config, materials, geometry, wave, reach):
         for how, build in builders.items():
             try:
                 with named_error("mesh"):
-                    mesh = build(geometry, sizes, order)
+                    mesh = build(geometry, sizes, order, lines)
             except NotMapped as reason:
                 reasons.setdefault(str(reason).removeprefix("mesh: "))
                 continue

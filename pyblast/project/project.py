@@ -297,6 +297,12 @@ class Project:
         return corners.pop() if len(corners) == 1 else 0.0
 
     @_part
+    def compared_band(self) -> tuple[float, float] | None:
+        """Band in Hz in which a fit compares records, None for all."""
+        band = self.config.run.compare_band_hz
+        return None if band is None else (band[0], band[1])
+
+    @_part
     def comparable(self) -> dict[str, Recording]:
         """Return records to set beside simulated motion, low-passed like what enters."""
         compared = {}
@@ -327,6 +333,10 @@ class Project:
         table = table.model_copy(update={"low_pass_hz": corner})
         config = self.config.model_copy(update={"holes_inside": table})
         return replace(self, config=config, given=self._known)
+
+    def having(self, **parts: Any) -> "Project":
+        """Return the project with other parts in place of those of the file; the rest stays."""
+        return replace(self, given={**self._known, **parts})
 
     @property
     def _known(self) -> dict[str, Any]:
@@ -595,6 +605,8 @@ def vary(project: Project, changes: dict[str, float]) -> Project:
     if cheap:
         reused |= {"blast", "firing", "signature", "input", "inside", "sources", "absorbing_layer"}
     given = {name: known[name] for name in reused if name in known}
+    if "compared_band" in project.given:  # not that of the file: what a mesh carries
+        given["compared_band"] = project.given["compared_band"]
     varied = make_project(config, project.path, given)
     if not cheap:
         return varied

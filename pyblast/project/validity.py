@@ -1,19 +1,22 @@
 """Where a run holds: receivers and frequencies that count."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.spatial import KDTree
 
-from ..errors import Finding
+from ..errors import Finding, InputError
 from ..mesh.mesh import edge_lengths
 from ..signals.spectra import highest_frequency
 from ..units import plain_number
-from .inputs import unfiltered
+from .inputs import input_band, unfiltered
 from .places import normal_axis, radiating_positions
 from .project import Project
 
 LEAST_ENERGY, LEAST_PEAK = 0.95, 0.9  # shares of the blast's motion that a run has to hold
+NEARLY = 0.95  # of the top of a band, from which on a mesh carries it
+LEAST_SPAN = 1.5  # highest over lowest frequency of a band in which records can be compared
 SAMPLES = 200  # along the way to a receiver
 THIN = 8.0  # layers thinner than a wavelength over this move as one
 STIFF = 0.5  # S speed over that around the sources, of ground through which waves come
@@ -166,6 +169,51 @@ def _held(whole, passed, carried):
     if not peak > 0.0:
         return 1.0, 1.0
     return np.sum(carried_motion**2) / energy, np.abs(carried_motion).max() / peak
+
+
+def carried_band(
+    projects: Sequence[Project], band: tuple[float, float] | None, names: Sequence[str]
+) -> tuple[tuple[float, float] | None, Finding | None]:
+    """Return the part of a band in Hz that the meshes of blasts carry to receivers, and D40.
+
+    Parameters
+    ----------
+    projects : sequence of Project
+        One for each blast.
+    band : tuple of 2 float, Hz, or None
+        None: all that enters; it stays None where the meshes carry that.
+    names : sequence of str
+        Of receivers; those of them that a project has.
+
+    Raises
+    ------
+    InputError
+        If they carry nothing of the band.
+    """
+    low = 1.0 / min(project.config.run.duration_s for project in projects)
+    top = max(input_band(project) for project in projects)
+    low, top = (low, top) if band is None else band
+    rows = [(row, each) for each in projects for row in validity(each) if row.name in names]
+    row, project = min(rows, key=lambda pair: pair[0].carried)
+    if row.carried >= NEARLY * top:
+        return band, None
+    ground, hz = project.model, plain_number(row.carried)
+    edge = plain_number(float(ground.mean_edges()[row.limited_by]) * row.carried / top, 2)
+    carried = f"carries motion up to {hz} Hz on the way to {row.name}: {row.limited_by!r} sets that"
+    remedy = f"edges of {edge} m there carry {plain_number(top)} Hz"
+    if row.carried < LEAST_SPAN * low:
+        raise InputError(
+            f"{project.path.name}: mesh {carried}, and records are compared from "
+            f"{plain_number(low)} Hz on; {remedy}"
+        )
+    return (low, row.carried), Finding(
+        "D40",
+        "Records are compared in the band that the mesh carries",
+        f"{project.path.name}: the mesh {carried}, so records are compared from "
+        f"{plain_number(low)} to {hz} Hz and not to {plain_number(top)}; {remedy}. A receiver that "
+        "is left out no longer sets it.",
+        numbers={"carried": row.carried, "asked": top},
+    )
 
 
 def band_finding(project: Project, band: Band) -> Finding | None:

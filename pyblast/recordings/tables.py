@@ -60,7 +60,7 @@ _DATES = (
 )  # fmt: skip
 
 
-LOW_PASSED = "# sources low-passed, Bessel of order 4 forward only, -3 dB at Hz: "
+LOW_PASSED = "# sources low-passed (Bessel of order 4; forward only); -3 dB at Hz: "
 
 
 class TextFormat(NamedTuple):
@@ -406,7 +406,7 @@ def read_motion(
 def _low_passed(lines):
     """Return the corner in Hz that a curve of a run names at its end, None without one."""
     last = next((line.strip() for line in reversed(lines) if line.strip()), "")
-    named = re.fullmatch(rf"{LOW_PASSED}([0-9.e+-]+)", last)
+    named = re.fullmatch(rf"{re.escape(LOW_PASSED)}([0-9.e+-]+)", last)
     return None if named is None else float(named[1])
 
 

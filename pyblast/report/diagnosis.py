@@ -409,7 +409,7 @@ def assumptions(diagnosis: Diagnosis, summary: dict) -> list[str]:
     ) else ""  # fmt: skip
     sentences = [
         f"Only {case.band.low:g} to {case.band.high:g} Hz of the first {case.duration:.3g} s after "
-        "the first hole are compared.",
+        f"the first hole are compared. {case.carried}".rstrip(),
         f"Prior standard deviations are {100 * SPEED_SIGMA:g} % for wave speeds of layers and "
         f"{100 * STIFFNESS_SIGMA:g} % for stiffness of joints; these are fitted again with every "
         "effect.",

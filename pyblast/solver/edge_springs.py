@@ -170,7 +170,7 @@ PATCHES = np.array([580.0, 380.0, 0.0])
 WITHOUT_SPRINGS = 385.0  # of a zone without springs
 HELD, HELD_QUADRATIC = np.array([115.0, 860.0, 280.0]), np.array([390.0, 445.0, 490.0])
 YIELDING, YIELDING_HELD, RELAXING = 90.0, 340.0, 65.0  # per zone; per node and further rate
-STATIC = 215.0  # of each zone, for the springs of the static stage
+STATIC, STATIC_SPRINGS = 40.0, 175.0  # of each zone; with springs of its own where ground relaxes
 ALWAYS, SHARED = 3e5, 512.0  # fixed; per zone of a chunk
 SAMPLE_BYTES = 100.0  # per receiver and step
 HISTORY_BYTES = 25.0  # per load history and step
@@ -213,7 +213,9 @@ def _assembly_bytes(model, counts, n_yielding):
         peak = max(peak, springs + YIELDING * n_yielding)
     if n_yielding:
         peak = max(peak, PATCHES @ counts * n_yielding / counts[0])
-    return peak + (STATIC * counts[0] if model.insitu is not None else 0.0)
+    relaxes = any(model.branches(group) for group in model.mesh.groups)
+    static = STATIC + STATIC_SPRINGS * relaxes if model.insitu is not None else 0.0
+    return peak + static * counts[0]
 
 
 def _has_springs(model, group):

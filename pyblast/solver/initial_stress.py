@@ -213,9 +213,14 @@ def static_arrays(model: Model, geometry: dict[str, Any]) -> tuple[dict[str, Any
     }
     if model.mesh.hexahedral:
         return {**arrays, **without_layer(geometry)}, scale
-    moduli = (model.zone_values("first_lame"), model.zone_values("shear"))
-    arrays |= dict(zip(("zone_lambda", "zone_shear"), moduli, strict=True))
+    moduli = {
+        "zone_lambda": model.zone_values("first_lame"),
+        "zone_shear": model.zone_values("shear"),
+    }
     arrays["row_initial"] = stressed_rows(geometry, effective_stress(model))
+    if all(np.array_equal(geometry[name], value) for name, value in moduli.items()):
+        return arrays, scale  # with the springs that the dynamic stage has
+    arrays |= moduli
     return {**arrays, **stiffness_arrays(model.tetrahedral, {**geometry, **arrays})}, scale
 
 

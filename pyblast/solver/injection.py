@@ -88,12 +88,6 @@ class Injection:
 def patch_of(model: Model) -> Patch | str:
     """Return the patch around the isotropic sources of a model, or why there is none.
 
-    Parameters
-    ----------
-    model : Model
-
-    Notes
-    -----
     It holds the zones of the sources and those that share a node with them. None of the former may
     lie at its boundary: outer faces but a flat free surface, joints, zones beyond.
     """
@@ -156,11 +150,7 @@ def near_receivers(model: Model) -> tuple[NearReceiver, ...]:
 def with_injection(model: Model, duration: float) -> Model:
     """Return a model whose explosions are injected, if a receiver is near and the ground allows it.
 
-    Parameters
-    ----------
-    model : Model
-    duration : float, s
-        Of the run, whose loads have to fit into the memory.
+    The loads of a run of some duration in s have to fit into the memory.
     """
     if not near_sources(model) or refusal(model, duration):
         return model
@@ -253,15 +243,6 @@ def tapered(rate: TimeFunction, highest: float) -> TimeFunction:
 def inject(model: Model, patch: Patch, dt: float, n_steps: int) -> Injection:
     """Return the loads at the boundary of a patch, and the field to be added inside of it.
 
-    Parameters
-    ----------
-    model : Model
-    patch : Patch
-    dt : float, s
-    n_steps : int
-
-    Notes
-    -----
     ``f_T = -K_TS u0_S`` and ``f_S = K_ST u0_T``: S are the nodes inside of the patch, T those of
     its boundary, K the stiffness of its zones there; theory.md (5.23). The mass is lumped and adds
     nothing.

@@ -61,11 +61,13 @@ class Loads:
         none = np.zeros(0)
         amplitude = [function(times + offset) for function, offset in self._histories]
         dt = times[1] - times[0]
+        node = np.concatenate([none, *self._nodes]).astype(np.int32)
+        by_node = np.argsort(node, kind="stable")
         return {
-            "load_node": np.concatenate([none, *self._nodes]).astype(np.int32),
-            "load_vector": np.concatenate([np.zeros((0, 3)), *self._vectors]),
-            "load_history": np.concatenate([none, *self._numbers]).astype(np.int32),
-            "load_delay": np.concatenate([none, *self._delays]) / dt,
+            "load_node": node[by_node],
+            "load_vector": np.concatenate([np.zeros((0, 3)), *self._vectors])[by_node],
+            "load_history": np.concatenate([none, *self._numbers]).astype(np.int32)[by_node],
+            "load_delay": np.concatenate([none, *self._delays])[by_node] / dt,
             "load_member": np.full(sum(map(len, self._nodes)), -1, dtype=np.int32),
             "history": np.stack(amplitude or [np.zeros(len(times))], axis=1),
         }

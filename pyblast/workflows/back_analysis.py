@@ -17,7 +17,7 @@ from ..back_analysis.fit import (
     on_mesh_of_band,
     seconds_of_run,
 )
-from ..back_analysis.parameters import range_of
+from ..back_analysis.parameters import range_of, table_of
 from ..back_analysis.search import METHODS, BackAnalysis, confirm, make_target, with_plan
 from ..back_analysis.survey_design import SurveyDesign, survey_design_of
 from ..back_analysis.trials import TrialLog, Trials, identity
@@ -257,7 +257,8 @@ def _goes_on(folder: Path, searched: str, table: BackAnalysisConfig) -> bool:
 
 def findings_before(project: Project) -> list[Finding]:
     """Return the findings before a search: failed checks, the level, then those of the table."""
-    own = findings_of_table(project)  # first, since it may refuse the project
+    table_of(project)  # refused before anything is meshed, if it is missing
+    own = findings_of_table(project)
     checked = check(project, measure=False).findings
     return [*(each for each in checked if each.failed or each.code == LEVEL), *own]
 
@@ -394,10 +395,9 @@ def _compared(confirmed, name, band):
     """Return the compared motion at a receiver: in common time, within the band."""
     both = in_common(confirmed.recorded[name], confirmed.simulated[name], band)
     recorded, simulated = (motion_table(motion, band) for motion in both)
-    return {
-        "band_hz": band, "recorded": recorded, "simulated": simulated,
-        "low_pass_hz": confirmed.recorded[name].low_passed,
-    }  # fmt: skip
+    corner = confirmed.recorded[name].low_passed
+    table = {"band_hz": band, "low_pass_hz": corner}
+    return table | {"recorded": recorded, "simulated": simulated}
 
 
 def _blast_table(confirmed):

@@ -306,6 +306,11 @@ def predict_file(folder, output, summary, holes, path, baseline=False, runs=None
         Whether to predict with the calibrated model alone, without effects.
     runs : path, optional
         Another folder for the runs.
+
+    Returns
+    -------
+    float or None, Hz
+        As of `predict_case`.
     """
     case, model = case_of(read_case(folder)), summary["model"]
     blast = _further(case, holes)
@@ -314,6 +319,7 @@ def predict_file(folder, output, summary, holes, path, baseline=False, runs=None
     folder_of_runs = runs or Path(output) / RUNS
     motion = predict(case, blast, values, effects, folder_of_runs)
     write_bytes(path, _as_recorded(case, motion))
+    return case.project.low_pass
 
 
 def check_further(folder, holes, outputs=(), out=None):
@@ -516,7 +522,7 @@ def predict_case(
     path: str | Path,
     *,
     baseline: bool = False,
-) -> None:
+) -> float | None:
     """Predict the motion of a further blast with a diagnosed model, as a miniSEED file.
 
     Parameters
@@ -532,6 +538,12 @@ def predict_case(
     baseline : bool
         Whether to predict with the calibrated model alone, without effects.
 
+    Returns
+    -------
+    float or None, Hz
+        Corner of the low-pass of what enters, which a record goes through, too, before it is set
+        beside the prediction (`Seismogram.filtered_like`).
+
     Raises
     ------
     InputError, ReadError
@@ -543,4 +555,4 @@ def predict_case(
     except (OSError, ValueError) as error:
         raise ReadError(f"{folder / RESULT}: can't be read ({error}); diagnose first") from None
     check_further(case, holes, [Path(path)], folder)
-    predict_file(case, folder, summary, holes, path, baseline, folder.parent / RUNS)
+    return predict_file(case, folder, summary, holes, path, baseline, folder.parent / RUNS)

@@ -19,12 +19,13 @@ def codes(result):
 
 @pytest.fixture(scope="module")
 def reversed_record(tmp_path_factory):
-    """Back-analyse a record whose first component has reversed polarity."""
+    """Back-analyse a record whose vertical component has reversed polarity."""
     path = noisy(tmp_path_factory.mktemp("reversed"))
     table = np.loadtxt(path.with_name("wall.csv"), delimiter=",", skiprows=1)
-    head = path.with_name("wall.csv").read_text().splitlines()[0]
-    table[:, 1] *= -1.0
-    np.savetxt(path.with_name("wall.csv"), table, "%.17g", ",", header=head, comments="")
+    head, *_, low_pass = path.with_name("wall.csv").read_text().splitlines()
+    table[:, 3] *= -1.0
+    texts = {"header": head, "footer": low_pass, "comments": ""}
+    np.savetxt(path.with_name("wall.csv"), table, "%.17g", ",", **texts)
     return back_analyse(path)
 
 
@@ -38,8 +39,8 @@ def test_reversed_polarity_is_a_finding(reversed_record):
     result, folder = reversed_record
     findings = codes(result)
 
-    assert list(findings["D33"].numbers) == ["project.toml, R1, longitudinal"]
-    assert findings["D33"].numbers["project.toml, R1, longitudinal"] < -0.7
+    assert list(findings["D33"].numbers) == ["project.toml, R1, vertical"]
+    assert findings["D33"].numbers["project.toml, R1, vertical"] < -0.7
     assert "D33" in {one["code"] for one in json.loads((folder / RESULT).read_text())["findings"]}
     assert (
         "A component has the opposite sign of the simulation"

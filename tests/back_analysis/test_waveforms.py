@@ -21,6 +21,7 @@ from pyblast.back_analysis.waveforms import (
 from pyblast.errors import InputError, SolverError
 from pyblast.inference.records import band_functions
 from pyblast.project.elements import refined
+from pyblast.project.validity import validity
 from pyblast.workflows.back_analysis import RESULT, TRIALS
 
 
@@ -34,8 +35,8 @@ def test_waveforms_find_stiffness_and_damping_by_the_default_method(found):
 
     assert (one.target.misfit, one.method) == ("waveform", "levenberg")
     assert one.fit.converged
-    for parameter, truth in zip(PARAMETERS, TRUTH, strict=True):
-        assert one.best[parameter.name] == pytest.approx(truth, rel=0.05)
+    for parameter, truth, within in zip(PARAMETERS, TRUTH, (0.05, 0.05, 0.3), strict=True):
+        assert one.best[parameter.name] == pytest.approx(truth, rel=within)
 
 
 def test_intervals_hold_the_truth_and_are_written_with_what_constrains_them(found):
@@ -254,5 +255,30 @@ def test_few_coefficients_in_the_band_are_a_finding(tmp_path):
     assert found.code == "D10"
     assert found.numbers == {"numbers": 45.0, "parameters": 3.0}
     path = noisy(tmp_path)
-    path.write_text(path.read_text().replace("[3, 20]", "[3, 60]"))
+    path.write_text(path.read_text().replace("duration_s = 0.5", "duration_s = 0.8"))
     assert findings_of_table(load_project(path)) == []
+
+
+def test_only_the_band_that_the_mesh_carries_is_compared(tmp_path):
+    path = noisy(tmp_path)
+    path.write_text(path.read_text().replace("[3, 20]", "[3, 60]"))
+    project = load_project(path)
+    (row,) = validity(project)
+
+    target = make_target(project)
+    (finding,) = (one for one in findings_of_table(project) if one.code == "D40")
+
+    assert target.waveforms.window.band == (3.0, row.carried)
+    assert 18.0 < row.carried < 40.0
+    assert "and not to 60; edges of" in finding.text
+    assert finding.numbers == {"carried": row.carried, "asked": 60.0}
+    varied = with_values(target.projects[0], PARAMETERS, TRUTH)
+    assert varied.compared_band == (3.0, row.carried)
+
+
+def test_a_mesh_that_carries_nothing_of_the_band_is_refused(tmp_path):
+    path = noisy(tmp_path)
+    path.write_text(path.read_text().replace("shear_mpa = 1150", "shear_mpa = 20"))
+
+    with pytest.raises(InputError, match=r"mesh carries motion up to .*'soil' sets that.*edges"):
+        make_target(load_project(path))

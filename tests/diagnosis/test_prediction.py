@@ -27,3 +27,10 @@ def test_an_air_blast_moves_the_ground_that_it_was_fitted_on(monkeypatch, effect
     foretold = predict(case, case.project.blasts["B1"], values, effects)
 
     np.testing.assert_array_equal(foretold, moved[case.blasts.index("B1")])
+
+
+def test_a_site_of_which_nothing_was_calibrated_is_predicted_as_it_is(monkeypatch):
+    case = recorded(small_site())
+    monkeypatch.setattr(Forward, "motion", lambda _, project: [project.materials["rock"].cp])
+
+    assert predict(case, case.project.blasts["B1"], [], ()) == pytest.approx(2800.0)

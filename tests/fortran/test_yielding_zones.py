@@ -118,3 +118,18 @@ def test_excess_stress_of_zones_stays_within_their_strength():
     over = root**2 * principal[:, 2] - principal[:, 0] - 2.0 * 3e5 * root
     assert over.max() < 1e-6 * 3e5
     assert over.max() > -1e-6 * 3e5
+
+
+@pytest.mark.parametrize("softened", [False, True])
+def test_zones_that_have_softened_yield_below_their_full_strength(softened):
+    law = MohrCoulomb(cohesion_residual=1e5, friction_residual=0.3, shear_strain=1e-3)
+    material = replace(ROCK, law=law, cohesion=5e6, friction=0.7, tension=3e6)
+    model = Model(structured_box((3, 3, 3), (3.0, 3.0, 3.0)), {"rock": material})
+    prepared = prepare(model, 1e-2)
+    views, state = prepared.begun()
+    state["row_state"][:, 12] = 0.01 if softened else 0.0
+    state["displacement"][:, 0] = 2e6 / ROCK.shear * model.mesh.points[:, 2]
+
+    core.advance(views, state, 0, 1, 1)
+
+    assert (np.abs(state["row_state"][:, 6:12]).max() > 0.0) == softened

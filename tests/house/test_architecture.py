@@ -13,7 +13,7 @@ PACKAGE = ROOT / "pyblast"
 MODULES = sorted(PACKAGE.rglob("*.py"))
 FORTRAN = sorted((ROOT / "fortran").glob("*.f90"))
 MOST_MODULES = 145  # to become 110
-MOST_LINES_IN_ALL = 56_700  # to become 48,700
+MOST_LINES_IN_ALL = 56_800  # to become 48,700
 MOST_IN_A_PACKAGE = 15  # to become 12
 MOST_LINES = 800  # an alarm: is there a second idea in the file?
 MOST_LINES_OF_A_SECOND_IDEA = (
@@ -62,6 +62,7 @@ ORDER = [
     "joint_laws",
     "elasticity",
     "principal_stresses",
+    "smoothing",
     "mohr_coulomb",
     "hoek_brown",
     "ubiquitous_joints",

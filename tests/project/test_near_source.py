@@ -5,11 +5,13 @@ import pytest
 
 from pyblast.back_analysis.findings import near_sources
 from pyblast.errors import InputError
+from pyblast.mesh.quality import explicit_work
 from pyblast.project.checks import check
+from pyblast.project.elements import for_band
 from pyblast.project.places import resolved_receivers
 from pyblast.project.project import load_project
 from pyblast.solver.run import simulate
-from verification.solutions.full_space import Bell, explosion
+from verification.solutions.full_space import Bell, explosion, point_force
 
 BELL = Bell(15.0)
 MIDDLE = np.array([65.0, 65.0, 65.0])
@@ -25,6 +27,7 @@ title = "A hole in the middle"
 [mesh]
 size_m = [130, 130, 130]
 frequency_hz = 40
+near_source_work = 1
 layers = [{ material = "rock" }]
 [materials.rock]
 density_kg_per_m3 = 2600
@@ -98,17 +101,23 @@ def test_a_back_analysis_names_the_receivers_that_do_not_count(project):
     assert "'up 25'" in finding.text
 
 
+def changed(project, name, **replaced):
+    text = (project.folder / "project.toml").read_text()
+    for old, new in replaced.items():
+        text = text.replace(f"{old} = {new[0]}", f"{old} = {new[1]}")
+    (project.folder / f"{name}.toml").write_text(text)
+    return load_project(project.folder / f"{name}.toml")
+
+
 @pytest.fixture(scope="module")
 def wide(project):
-    text = (project.folder / "project.toml").read_text()
-    text = text.replace("[130, 130, 130]", "[330, 330, 330]\norigin_m = [-100, -100, -100]")
-    (project.folder / "wide.toml").write_text(text)
-    return load_project(project.folder / "wide.toml")
+    return changed(project, "wide", near_source_work=(1, 10))
 
 
-def test_a_wide_uniform_ground_injects_its_explosion_and_every_receiver_counts(wide):
+def test_a_uniform_ground_goes_on_until_its_explosion_is_injected_and_every_receiver_counts(wide):
     records = simulate(wide.model, wide.duration).seismograms
 
+    assert "times the work for room around the sources" in wide.ground.reason
     assert "D38" not in {finding.code for finding in check(wide, measure=False).findings}
     assert resolved_receivers(wide, tuple(OFFSETS)) == tuple(OFFSETS)
     assert "up 25" not in resolved_receivers(wide, tuple(OFFSETS), injected=False)
@@ -116,6 +125,38 @@ def test_a_wide_uniform_ground_injects_its_explosion_and_every_receiver_counts(w
         wanted = 1e9 * explosion(records[name].times, offset, BELL, wide.materials["rock"])
         error = np.linalg.norm(records[name].velocity - wanted) / np.linalg.norm(wanted)
         assert error < 0.01, name
+
+
+@pytest.fixture(scope="module")
+def force(project):
+    graded = changed(project, "force", near_source_work=(1, 12))
+    text = graded.path.read_text().replace('"rate.csv"', '"force.csv"')
+    text = text.replace("moment_tensors", "point_forces")
+    graded.path.write_text(text.replace("tensor = [1, 1, 1, 0, 0, 0]", "direction = [0, 0, 1]"))
+    rows = (project.folder / "rate.csv").read_text().splitlines()[1:]
+    (project.folder / "force.csv").write_text("\n".join(["time_s,force_n", *rows]) + "\n")
+    return load_project(graded.path)
+
+
+def test_edges_shorten_around_a_force_as_far_as_the_work_allows(force, project):
+    records = simulate(force.model, force.duration).seismograms
+
+    assert "edges from 20 m around the sources" in force.ground.reason
+    ratio = explicit_work(force.ground.mesh) / explicit_work(project.ground.mesh)
+    assert 4.0 < ratio <= 12.0
+    for name in ("up 25", "east 40", "aside 60"):
+        at = OFFSETS[name]
+        up = np.array([0.0, 0.0, 1.0])
+        wanted = 1e9 * point_force(records[name].times, at, up, BELL, force.materials["rock"])
+        error = np.linalg.norm(records[name].velocity - wanted) / np.linalg.norm(wanted)
+        assert error < 0.05, name
+
+
+def test_one_times_the_work_and_a_diagnosis_leave_the_mesh_alone(force, project):
+    fitted = force.changed(mesh=for_band(force, 40.0))
+    alone = project.changed(mesh=for_band(project, 40.0))
+
+    assert len(fitted.ground.mesh.zones) == len(alone.ground.mesh.zones)
 
 
 def test_what_stands_against_an_injection_is_said(project):

@@ -166,9 +166,15 @@ def test_a_wrong_table_is_refused_in_one_sentence(tmp_path, old, new, match):
         back_analyse(path)
 
 
-def test_a_project_without_the_table_is_refused(tmp_path):
+def test_a_project_without_the_table_is_refused_before_its_mesh_is_built(tmp_path):
+    project = load_project(twin_file(tmp_path))
+
     with pytest.raises(InputError, match="back_analysis: missing; add the table"):
-        back_analyse(twin_file(tmp_path))
+        findings_before(project)
+
+    assert not {"ground", "mesh", "model"} & set(vars(project))
+    with pytest.raises(InputError, match="back_analysis: missing; add the table"):
+        back_analyse(project)
 
 
 def test_a_finished_search_is_not_changed_by_the_same_command(tmp_path):
@@ -190,7 +196,7 @@ def test_a_scheduler_that_does_not_answer_is_refused(tmp_path, monkeypatch):
 def test_findings_on_the_method_of_the_paper_have_its_numbers(tmp_path):
     found = {one.code: one for one in findings_of_table(load_project(strong(tmp_path, runs=21)))}
 
-    assert list(found) == ["D10", "D14", "D15"]
+    assert list(found) == ["D10", "D40", "D14", "D15"]
     assert found["D10"].numbers == {"numbers": 6.0, "parameters": 3.0}
     wanted = {"10_first": 0.99, "10_last": 0.92, "50_first": 0.95, "50_last": 0.66}
     for name, probability in wanted.items():

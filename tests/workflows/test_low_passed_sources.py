@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from inversion_project import PARAMETERS, RECORDED, TRUTH, section
-from small_project import INSIDE, written
+from small_project import CARRIED, INSIDE, written
 
 from pyblast.back_analysis.search import make_target
 from pyblast.back_analysis.trials import evaluate
@@ -81,7 +81,11 @@ def test_what_follows_a_clipped_sample_for_a_period_of_the_corner_counts_as_clip
 def unfiltered_twin(folder, recorded, corner=CORNER, noise=0.0, table=""):
     """Write a project whose record was made without the low-pass of its face; return its path."""
     folder.mkdir(exist_ok=True)
-    changes = ("duration_s = 0.1", "duration_s = 0.5\ncompare_band_hz = [3, 20]"), *STRONG
+    changes = (
+        ("duration_s = 0.1", "duration_s = 0.5\ncompare_band_hz = [3, 13]"),
+        CARRIED[0],
+        *STRONG,
+    )
     low = "low_pass_hz = 20"
     whole = written(folder, *changes, (low, f"low_pass_hz = {recorded}"))
     motion = simulate(load_project(whole)).seismograms["R1"]
@@ -103,8 +107,8 @@ def test_a_run_finds_no_delay_against_a_twin_that_was_recorded_unfiltered(tmp_pa
     assert np.abs(beside.lag[moving]).max() < 1e-3  # 450 Hz delays by 0.75 ms
     assert beside.waveform_misfit[moving].max() < 0.02
     assert "R1, low-passed at 20 Hz like the sources" in " ".join(check(project, False).notes)
-    whole = compare(project.recorded["R1"], simulate(project).seismograms["R1"], None)
-    assert whole.total_waveform_misfit == pytest.approx(beside.total_waveform_misfit, rel=0.5)
+    whole = compare(project.recorded["R1"], simulate(project).seismograms["R1"])
+    assert whole.total_waveform_misfit < 1e-3
 
 
 def test_the_back_analysis_finds_the_truth_from_a_record_without_the_filter(tmp_path):
@@ -114,12 +118,12 @@ def test_the_back_analysis_finds_the_truth_from_a_record_without_the_filter(tmp_
 
     for parameter, truth in zip(PARAMETERS[:2], TRUTH, strict=False):
         low, high = result.fit.intervals()[parameter.name]
-        assert low < truth < high < 1.5 * low
+        assert low < truth < high < 2.0 * low
 
 
 def test_diagnosis_gathers_records_as_its_sources_are(tmp_path):
     path = unfiltered_twin(tmp_path, ALL, noise=2e-4)
-    text = path.read_text().replace("\n[run]\n", "\n[diagnosis]\nband_hz = [4, 20]\n\n[run]\n")
+    text = path.read_text().replace("\n[run]\n", "\n[diagnosis]\nband_hz = [4, 13]\n\n[run]\n")
     for key in (
         "cohesion_kpa = 500\n",
         "friction_angle_deg = 25\n",
