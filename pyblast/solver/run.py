@@ -375,7 +375,7 @@ def run_many(
     duration : float, s
     step : tuple of float and CriticalStep, optional
         Result of `assembly.time_step` of the model with the shortest step: all models then use this
-        step and its masses, in every batch.
+        step and its implicit zones, in every batch.
     progress : callable, optional
         Called with ("models", done, total) after each batch.
 

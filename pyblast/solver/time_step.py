@@ -30,6 +30,7 @@ RATIO = 1.1  # between the steps that are compared
 NODE_COST = 2.2  # of a node of implicit zones over that of an explicit zone, in a step
 MOST_IMPLICIT = 0.1  # fraction of the zones
 MOST_NODES = 5000  # in one cluster of implicit zones
+MOST_OF_JOINT = 0.005  # fraction of the area of a joint
 # Slivers reduce the step more than tenfold; zones that are small on purpose shall stay explicit.
 PLACE = 64  # consecutive zones along the curve of `renumbered`
 FINE = 2.0  # step over the median of the own steps in such a place
@@ -223,9 +224,20 @@ class _Choice:
             if cost[choice] * LEAST_GAIN * shortest > len(self.own):
                 break
             implicit = self.below(steps[choice])
-            if np.bincount(clusters_of(*implicit.nodes(self.nodes))[2]).max() <= MOST_NODES:
+            if (
+                self.few(implicit.contacts)
+                and np.bincount(clusters_of(*implicit.nodes(self.nodes))[2]).max() <= MOST_NODES
+            ):
                 return implicit
         return self.below(0.0)
+
+    def few(self, implicit):
+        """Return whether little of every joint has implicit contacts, which resist slip."""
+        contacts = self.nodes.contacts
+        if contacts is None:
+            return True
+        whole, part = (np.bincount(contacts.joint, contacts.area * w) for w in (1.0, implicit))
+        return bool((part <= MOST_OF_JOINT * whole).all())
 
     def cost(self, step):
         """Return the cost of a run over its duration, in explicit zones and 1/s."""

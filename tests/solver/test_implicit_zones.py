@@ -283,3 +283,14 @@ def test_the_static_stage_does_not_depend_on_implicit_zones():
 
     assert settled.static["unbalanced"] < 1e-6
     assert settled.static["steps"] < 2000
+
+
+def test_a_joint_that_limits_the_step_stays_explicit_and_slips_freely():
+    stiff = {**JOINT, "kn": 1e13, "ks": 1e13, "friction": 0.0}
+    mesh = structured_box((6, 6, 6), (6.0, 6.0, 6.0), planes={"J": ("x", 3.0)}).split(["J"])
+    model = Model(mesh, {"rock": ROCK}, joints=[Joint("J", "coulomb", stiff)])
+
+    limit = assembly.time_step(model)[1]
+
+    assert "joint 'J'" in limit.limited_by
+    assert not limit.implicit.contacts.any()
