@@ -8,7 +8,6 @@ site, set of unknowns, choice of receivers and seed; a study that was stopped go
 site share their stored runs, so processor seconds are those of runs that no earlier row made.
 """
 
-import json
 import os
 import sys
 import tempfile
@@ -20,10 +19,12 @@ import numpy as np
 import obspy
 
 from pyblast.back_analysis.findings import findings_of_fit
+from pyblast.back_analysis.fit import Fitter, Runs, on_mesh_of_band
+from pyblast.back_analysis.search import make_target
 from pyblast.config.section import value_at
 from pyblast.project.project import load_project
 from pyblast.project.result import write_text
-from pyblast.workflows.back_analysis import back_analyse
+from pyblast.workflows.back_analysis import result_of_fit
 
 from .markdown import reflow
 from .rows import Rows, each_row, options, read_rows
@@ -41,7 +42,7 @@ WARNINGS = ("D43", "D44")
 
 def row_names() -> list[str]:
     """Return the names of all rows: every site once first, then subsets and seeds."""
-    once = [f"{site} both all 1" for site in (*NULLS, *EFFECTS)]
+    once = [f"{site} both all 1" for site in (*NULLS[:4], *EFFECTS[:2])]
     others = [
         f"{site} {unknowns} {subset} {seed}"
         for site in NULLS
@@ -49,7 +50,9 @@ def row_names() -> list[str]:
         for subset in SUBSETS
         for unknowns in ("both", "joints", "speeds")
     ]
-    return [*once, *(name for name in others if name not in once and _exists(name))]
+    later = [f"{site} both all 1" for site in EFFECTS[2:]]
+    names = [*once, *(name for name in others if _exists(name)), *later]
+    return list(dict.fromkeys(names))
 
 
 def _exists(name):
@@ -86,12 +89,17 @@ def judged(name: str, folder: Path) -> dict:
     project.write_text(_project_text(site, unknowns, subset, int(seed)), encoding="utf-8")
     loaded = load_project(project)
     given = {path: float(str(value_at(loaded.config, path))) for path in paths_of(site, unknowns)}
-    began = time.process_time()
-    result, out = back_analyse(
-        loaded, source / name.replace(" ", "-"), runs=folder / f"runs-{site}"
-    )
+    began, stored = time.process_time(), []
+    target, table = make_target(loaded), loaded.config.back_analysis
+    waves = target.waveforms
+    assert waves is not None  # the default misfit
+    assert table is not None  # written above
+    blasts = on_mesh_of_band(target.projects, waves.window.band[1])
+    runs = Runs(blasts, waves.records, waves.window, table.runs, folder / f"runs-{site}",
+                report=lambda row: stored.append(row["stored"]))  # fmt: skip
+    result = result_of_fit(target, table, Fitter(runs, target.parameters).fit())
     spent = time.process_time() - began
-    assert result.fit is not None
+    assert result.fit is not None  # of waveforms
     truth, intervals = truth_of(site), result.fit.intervals()
     warned = [f.code for f in findings_of_fit(result) if f.code in WARNINGS]
     values = {}
@@ -107,15 +115,8 @@ def judged(name: str, folder: Path) -> dict:
         "site": site, "blasts": [BLAST], "receivers": subset, "seed": int(seed),
         "effect": site in EFFECTS, "values": values, "converged": result.fit.converged,
         "warned": warned, "error_level": result.fit.posterior.level, "runs": result.runs,
-        "new_runs": sum(not row["stored"] for row in _log_rows(out)),
-        "processor_s": round(spent, 1), "most_held": dict(held), "missing": list(result.missing),
+        "new_runs": stored.count(False), "processor_s": round(spent, 1), "most_held": dict(held),
     }  # fmt: skip
-
-
-def _log_rows(out):
-    """Return the rows of the log of a search."""
-    lines = (out / "trials.jsonl").read_text(encoding="utf-8").splitlines()[1:]
-    return [json.loads(line) for line in lines]
 
 
 def _copy_site(site, seed, target):

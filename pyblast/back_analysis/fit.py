@@ -4,12 +4,13 @@ import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
+from itertools import combinations
 from pathlib import Path
 
 import numpy as np
 
 from .. import core
-from ..errors import InputError, PyblastError
+from ..errors import InputError, PyblastError, SolverError
 from ..inference.covariance import record_blocks
 from ..inference.error_model import (
     Firings,
@@ -367,6 +368,16 @@ class Fit:
         ratio = self.deviations() / [each.sigma for each in self.properties]
         return {self.properties[n].name: min(1.0, float(ratio[n])) for n in self.sought}
 
+    def trade_offs(self, least: float = 0.5) -> list[tuple[str, str, float]]:
+        """Return pairs of parameters with a strong posterior correlation, the strongest first."""
+        deviation = self.posterior.deviation
+        correlation = self.posterior.covariance / np.outer(deviation, deviation)
+        pairs = [
+            (self.names[i], self.names[j], float(correlation[i, j]))
+            for i, j in combinations(self.sought, 2)
+        ]
+        return sorted((p for p in pairs if abs(p[2]) >= least), key=lambda pair: -abs(pair[2]))
+
     def influences(self) -> list[dict]:
         """Return for each parameter what the held properties do to it, the strongest first."""
         held = [n for n in range(len(self.names)) if n not in self.sought]
@@ -516,6 +527,8 @@ class Fitter:
             if each.kind == GEOMETRY:
                 state.slopes[n] = self._by_geometry(n, x, base)
         state.motion = base + self.correction
+        left_over = remaining(self.runs.records, state.motion)
+        self.trace.append({"coordinates": x.tolist(), "remaining": left_over})
         return state
 
     def _beside(self, x, n):
@@ -573,6 +586,9 @@ class Fitter:
                 else:
                     away += self._advance(state, move)
             except Spent:
+                break
+            except SolverError as error:  # keeps what is known
+                self.left_out["what a further step would change"] = str(error)
                 break
             result = self._posterior(state, records, levels)
             self.written(self._result(state, result))

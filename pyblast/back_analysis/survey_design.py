@@ -15,6 +15,7 @@ from ..inference.records import band_functions
 from ..project.inputs import input_band
 from ..project.places import on_ground
 from ..project.project import Project, make_project
+from .fit import on_mesh_of_band
 from .identifiability import (
     FisherInformation,
     Sensitivities,
@@ -380,6 +381,10 @@ def survey_design_of(project, progress=None) -> SurveyDesign:
     blasts, candidates = all_blasts(project), candidate_blasts(project)
     for blast in (*blasts, *candidates):
         check_parameters(blast, parameters)
+    if project.config.back_analysis.misfit == "waveform":
+        top = window_of([*blasts, *candidates]).band[1]
+        meshed = on_mesh_of_band([*blasts, *candidates], top)
+        blasts, candidates = meshed[: len(blasts)], meshed[len(blasts) :]
     records = [survey_records(blast, project) for blast in blasts]
     middle = np.full(len(parameters), 0.5)
     return survey_design_at(

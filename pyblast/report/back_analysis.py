@@ -35,6 +35,10 @@ def fit_lines(fit) -> list[str]:
                 + (f" (of others: {listed.partition(', ')[2]})" if len(strong) > 1 else "")
                 + _wrong_if_known(row["held"])
             )
+    lines += [
+        f"{first} and {second} trade off: their posterior correlation is {rho:+.2f}"
+        for first, second, rho in fit["trade_offs"]
+    ]
     strained = [row for row in fit["held"] if abs(row["pull"]) > 2.0]
     lines += [
         f"{row['name']} lies {abs(row['pull']):.1f} prior deviations "

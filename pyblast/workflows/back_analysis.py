@@ -186,16 +186,16 @@ def _fitted(
     (say or silent)(_estimate(fitter, runs))
 
     def written(fit):
-        _write(folder, _of_fit(target, table, fit), before, table, finished=False)
+        _write(folder, result_of_fit(target, table, fit), before, table, finished=False)
 
     fitter.written = written
     try:
-        return _of_fit(target, table, fitter.fit())
+        return result_of_fit(target, table, fitter.fit())
     except KeyboardInterrupt:
         raise Interrupted(_kept(trial_log)) from None
 
 
-def _of_fit(target, table, fit) -> BackAnalysis:
+def result_of_fit(target, table, fit) -> BackAnalysis:
     """Return the result of a fit, not confirmed: its steps are the trace."""
     places = [fit.names.index(parameter.name) for parameter in target.parameters]
     points = np.array([
@@ -380,6 +380,7 @@ def summarise_fit(fit: Fit) -> dict:
         ],
         "taken_as_known": fit.left_out,
         "influences": fit.influences(),
+        "trade_offs": fit.trade_offs(),
         "nuisances": fit.posterior.nuisances,
         "remaining_above_noise": fit.posterior.remaining,
     }  # fmt: skip

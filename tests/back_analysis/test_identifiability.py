@@ -2,12 +2,11 @@
 
 import json
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 from command_line import call
-from small_project import written
+from small_project import INSIDE, written
 
 from pyblast import design_survey, load_project
 from pyblast.back_analysis.identifiability import (
@@ -16,7 +15,7 @@ from pyblast.back_analysis.identifiability import (
     Sensitivities,
     intervals,
 )
-from pyblast.back_analysis.survey_design import survey_receivers
+from pyblast.back_analysis.survey_design import survey_receivers, with_receivers
 from pyblast.back_analysis.waveforms import Window, white_noise
 from pyblast.errors import InputError
 from pyblast.inference.covariance import LEVELS
@@ -231,14 +230,35 @@ def test_without_a_grid_point_far_enough_the_command_says_so(tmp_path):
     assert "the circle marks the best candidate" not in page
 
 
-def test_candidates_stand_outside_the_layer_around_hexahedra():
-    examples = Path(__file__).parents[2] / "examples"
-    project = load_project(examples / "fault_from_records" / "project.toml")
+OBLIQUE = (
+    ("size_m = [60, 20, 30]\ngrid_cells = [12, 4, 6]",
+     "size_m = [200, 160, 60]\npadding_m = 60\npadding_edge_m = 20"),
+    ("dip_deg = 90\ndip_direction_deg = 90\nthrough_m = [30, 0, 0]",
+     "dip_deg = 60\ndip_direction_deg = 145\nthrough_m = [100, 80, 60]"),
+    ("position_m = [14, 10, 30]", "position_m = [60, 60, 60]"),
+    ("duration_s = 0.1", "duration_s = 0.1\ncompare_band_hz = [3, 30]"),
+)  # fmt: skip
+SPEEDS = """
+[back_analysis]
+[[back_analysis.parameters]]
+path = "materials.rock.cs_m_per_s"
+low = 1500
+high = 1900
+"""
+
+
+def test_candidates_stand_outside_the_layer_of_a_mesh_that_is_turned_to_the_strike(tmp_path):
+    project = load_project(written(tmp_path, *OBLIQUE, text=INSIDE + SPEEDS))
+    mesh = project.mesh
 
     points = [r.position for r in survey_receivers([project], ["house"], 10.0) if r.gridded]
 
+    edges = np.diff(mesh.points[mesh.zones[0]][:2, :2], axis=0)[0]
+    assert mesh.hexahedral
+    assert np.abs(edges).min() > 0.1 * np.abs(edges).max()  # turned
     assert len(points) > 3
-    assert project.mesh.layer.depths(np.array(points)).max() <= 0.0
+    assert mesh.layer.depths(np.array(points)).max() <= 0.0
+    with_receivers(project, survey_receivers([project], ["house"], 10.0)).model  # noqa: B018
 
 
 def test_a_check_of_a_project_without_records_points_to_the_survey_design(tmp_path):

@@ -8,6 +8,7 @@ from inversion_project import PARAMETERS, TRUTH, noisy
 
 from pyblast import back_analyse, load_project
 from pyblast.back_analysis.findings import findings_of_fit, findings_of_table
+from pyblast.back_analysis.fit import Fitter
 from pyblast.back_analysis.parameters import simulate, with_values
 from pyblast.back_analysis.search import make_target
 from pyblast.back_analysis.trials import evaluate
@@ -49,6 +50,9 @@ def test_intervals_hold_the_truth_and_are_written_with_what_constrains_them(foun
         assert row["constraint"] == "well"
     assert not written["fit"]["lacking"]
     assert one.plan is None  # a survey is planned by its own command
+    for first, second, rho in one.fit.trade_offs():
+        assert first != second
+        assert 0.5 <= abs(rho) < 1.0
 
 
 def test_what_is_held_is_not_known_and_the_page_says_what_would_help(found):
@@ -121,6 +125,40 @@ def test_a_search_that_ran_out_of_runs_says_so_and_goes_on_with_more(tmp_path):
 def test_fewer_runs_than_the_derivatives_need_are_refused_with_their_number(tmp_path):
     with pytest.raises(InputError, match=r"runs: must be at least \d+ for the derivatives"):
         back_analyse(noisy(tmp_path, runs=5))
+
+
+def test_a_step_that_can_not_be_run_ends_the_search_with_what_is_known(tmp_path, monkeypatch):
+    def broken(*_):
+        raise SolverError("unstable after 3 steps")
+
+    monkeypatch.setattr(Fitter, "_advance", broken)
+
+    result, folder = back_analyse(noisy(tmp_path))
+
+    assert not result.fit.converged
+    assert "unstable after 3 steps" in (folder / "report.html").read_text()
+    assert len(result.trace.misfits) == 1
+
+
+def test_a_search_that_does_not_end_starts_again_with_the_lower_third_of_the_band(
+    tmp_path, monkeypatch
+):
+    bands, descend = [], Fitter._descend
+
+    def noted(fitter, state, records):
+        bands.append((records.band.low, records.band.high))
+        return descend(fitter, state, records)
+
+    monkeypatch.setattr(Fitter, "_descend", noted)
+    monkeypatch.setattr("pyblast.back_analysis.fit.STEPS", 0)
+    path = noisy(tmp_path)
+    path.write_text(path.read_text().replace("[3, 20]", "[1, 19]"))
+
+    result, _ = back_analyse(path)
+
+    assert bands == [(1.0, 19.0), (1.0, 7.0), (1.0, 19.0)]
+    assert result.fit.starts == 3
+    assert not result.fit.converged
 
 
 def test_another_method_for_waveforms_is_refused(tmp_path):

@@ -146,11 +146,11 @@ def test_ctrl_c_keeps_what_was_run_and_the_same_search_goes_on(tmp_path):
     [
         ('method = "paper"', 'method = "guess"', "method: must be one of paper"),
         (
-            'method = "paper"',
+            'method = "paper"\nmisfit = "paper"',
             'misfit = "phase"',
             "'levenberg' needs residuals, and misfit 'phase' has none; take 'random'",
         ),
-        ("[back_analysis]\n", "[back_analysis]\nmisfit = 'eye'\n", "misfit: must be one of paper"),
+        ('misfit = "paper"', "misfit = 'eye'", "misfit: must be one of paper"),
         ("[back_analysis]\n", "[back_analysis]\nreceivers = ['R2']\n", "'R2' has no record in"),
         ('path = "damping.ratio"', 'path = "damping.ration"', "did you mean 'damping.ratio'"),
         ("low = 0.005", "low = 0.5", "low must be below high"),

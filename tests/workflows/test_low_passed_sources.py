@@ -184,3 +184,14 @@ def test_a_moment_rate_is_not_found_from_motion_that_holds_a_filter(tmp_path):
 
     with pytest.raises(InputError, match="were low-passed at 20 Hz"):
         find_moment_rate(path)
+
+
+def test_records_beside_sources_without_a_low_pass_are_named_by_a_check(tmp_path):
+    receiver = f'{HOUSE}recorded = {{ file = "house.csv" }}\n'
+    whole = "[holes_inside]\nlow_pass_hz = 'none'\n\n[holes_inside.charged_hole]"
+    path = written(
+        tmp_path, (HOUSE, receiver), ("[holes_inside.charged_hole]", whole), text=INSIDE
+    )  # fmt: skip
+    write_csv(tmp_path / "house.csv", burst(1e-3))
+
+    assert "Records to compare with: house." in check(load_project(path), False).notes
