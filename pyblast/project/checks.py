@@ -99,7 +99,7 @@ def check(project, measure=True, progress=None) -> Check:
         *_record_defects(project, summary),
         *boundary_defects(project),
         *level_findings(project, expected_peaks(project)),
-        band_finding(project, band_of(project)),
+        band_finding(project, band_of(project), summary.seconds),
         energy_finding(source_energy(project)),
         elastic_finding(project.elastic_ground, project.receivers),
     ]

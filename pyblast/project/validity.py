@@ -216,8 +216,11 @@ def carried_band(
     )
 
 
-def band_finding(project: Project, band: Band) -> Finding | None:
-    """D40: a run that holds less than the band of its blast; None where it holds it."""
+def band_finding(project: Project, band: Band, seconds: float | None = None) -> Finding | None:
+    """D40: a run that holds less than the band of its blast; None where it holds it.
+
+    ``seconds`` are those of the run, where they are known.
+    """
     if band.complete:
         return None
     corner = project.inside.low_pass
@@ -230,15 +233,15 @@ def band_finding(project: Project, band: Band) -> Finding | None:
         f"It holds motion up to {plain_number(band.carried)} Hz{filtered}, the blast has motion up "
         f"to {plain_number(band.needed)} Hz: {100 * band.energy_share:.2g} % of the energy and "
         f"{100 * band.peak_share:.2g} % of the peak of what enters are in the run. '"
-        f"{band.limited_by}' decides that.{_price(project, band)} Peaks are those of motion below "
-        f"{plain_number(band.carried)} Hz; frequencies and limits are not compared.",
+        f"{band.limited_by}' decides that.{_price(project, band, seconds)} Peaks are those of "
+        f"motion below {plain_number(band.carried)} Hz; frequencies and limits are not compared.",
         True,
         {"carried": band.carried, "needed": band.needed, "energy": band.energy_share,
          "peak": band.peak_share},
     )  # fmt: skip
 
 
-def _price(project: Project, band):
+def _price(project: Project, band, seconds):
     """Return what a mesh for the band of the blast would cost, a sentence."""
     model = project.model
     ratio = {name: band.needed / hz for name, hz in model.highest_frequency().items()}
@@ -250,7 +253,11 @@ def _price(project: Project, band):
     finer = [max(1.0, ratio.get(name, 1.0)) ** 3 for name in model.mesh.groups]
     zones, now = float(counts @ finer), len(model.mesh.zones)
     longer = zones / now * max(ratio.values())
+    wait = f"{plain_number(longer, 2)} times the run time"
+    if seconds is not None:
+        minutes = [plain_number(max(0.1, time / 60.0), 2) for time in (longer * seconds, seconds)]
+        wait = f"{minutes[0]} min in place of {minutes[1]}"
     return (
         f" Edges of {plain_number(edge, 2)} m there, in all about {plain_number(zones, 2)} zones "
-        f"in place of {now}, carry it in about {plain_number(longer, 2)} times the run time."
+        f"in place of {now}, carry it in about {wait}."
     )

@@ -329,16 +329,18 @@ def _shading(corners):
     return 0.72 + 0.28 * np.abs(normal @ sun) / np.linalg.norm(sun)
 
 
-def energy_figure(energy, lead):
-    """Draw the energy ledger against time."""
+def energy_figure(energy, lead, layered=False):
+    """Draw the energy ledger against time, of ground in an absorbing layer or not."""
     figure = _figure(9.6, 3.4)
     axes = figure.subplots()
     names = {
         "input": "put in", "kinetic": "kinetic", "strain": "strain",
-        "dashpots": "absorbed by dashpots",
+        "dashpots": "absorbed by dashpots", "absorbing_layer": "absorbing layer",
         "damping": "material damping", "joint_stored": "stored in joints",
         "joint_dissipated": "slip in joints",
     }  # fmt: skip
+    if layered and "absorbing_layer" not in energy:  # both are damping
+        names["damping"] += " and absorbing layer"
     factor, unit = (1e-9, "GJ") if np.abs(energy["input"]).max() > 1e10 else (1e-6, "MJ")
     for number, (name, label) in enumerate(names.items()):
         if name in energy:

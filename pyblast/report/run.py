@@ -230,7 +230,10 @@ def _figures(result):
             "Energy balance of the input; it closes within "
             f"{100.0 * summary['run']['balance_error']:.2g} %.{_energy_words(summary)}",
             (),
-            figures.energy_figure(result.arrays["energy"], summary["run"]["lead"]),
+            figures.energy_figure(
+                result.arrays["energy"], summary["run"]["lead"],
+                bool(summary["sources"]["absorbing_layer"]),
+            ),
         ),
     ]  # fmt: skip
     return with_waveforms([dict(zip(FIGURE, row, strict=True)) for row in rows])

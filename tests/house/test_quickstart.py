@@ -1,15 +1,17 @@
 """The numbers of docs/quickstart.md are those of its commands."""
 
+import json
 import re
 from pathlib import Path
 
 import pytest
 
-from docs.quickstart_pictures import RECEIVER
-from pyblast import simulate
+from docs.quickstart_pictures import FIGURES, RECEIVER, TRUTH, table
+from pyblast import back_analyse, simulate
 from pyblast.project.level import plausible_at, predicted_peak
 from pyblast.project.project import load_project
 from pyblast.project.result import comparison_table
+from pyblast.workflows.back_analysis import RESULT
 from pyblast.workflows.run import compare_all
 
 ROOT = Path(__file__).parents[2]
@@ -32,3 +34,23 @@ def test_the_quick_start_says_what_its_run_gives():
     )
     assert float(times) == pytest.approx(front, abs=0.2)
     assert f"{plausible_at(project, places[RECEIVER])} mm/s at the house" in page
+
+
+def numbers(line):
+    """Return the numbers of a row of the table of the search, without those of its key."""
+    return [float(number) for number in re.findall(r"[\d.]+", line.split("`")[2])]
+
+
+@pytest.mark.long
+def test_the_quick_start_says_what_its_search_finds(tmp_path):
+    page = (ROOT / "docs" / "quickstart.md").read_text(encoding="utf-8")
+
+    _, folder = back_analyse(ROOT / "examples" / "fault_from_records" / "project.toml", tmp_path)
+
+    rows = table(json.loads((folder / RESULT).read_text(encoding="utf-8"))).splitlines()[2:]
+    for row, path in zip(rows, TRUTH, strict=True):
+        (shown,) = (line for line in page.splitlines() if line.startswith(f"| `{path}`"))
+        # A mesh of the same error may move a value by some percent.
+        assert numbers(row) == pytest.approx(numbers(shown), rel=0.15)
+        assert row.split("|")[-2] == shown.split("|")[-2]
+    assert (FIGURES / "values.png").stat().st_size > 10_000

@@ -60,11 +60,13 @@ def test_a_short_pulse_is_incomplete_and_nothing_is_compared(tmp_path):
     ringing = motion([8.0, 90.0])
 
     band = band_of(project)
-    found = band_finding(project, band)
+    found, minutes = (band_finding(project, band, seconds) for seconds in (None, 600.0))
     table = compliance_table(project, {"house": ringing}, band)
 
     assert not band.complete
     assert found.failed
+    assert "times the run time" in found.text
+    assert "min in place of 10" in minutes.text
     assert "the blast has motion up to 12" in found.text
     assert check(project, measure=False).failed
     assert table["rows"] == []

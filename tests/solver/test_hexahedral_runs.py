@@ -403,3 +403,20 @@ def test_energy_that_grows_after_the_sources_stops_a_run():
     with pytest.raises(SolverError, match="the absorbing layer feeds the motion"):
         check_decay(ledger(fed, given))
     check_decay(ledger(fed, given + 1e-3 * np.arange(40.0)))  # a source still acts
+
+
+@pytest.mark.parametrize("ground", ["even", "jointed", "attenuating"])
+def test_what_the_layer_takes_is_no_damping_of_undamped_ground(ground):
+    energy = (run := simulate(open_box(2, True, 3, **GROUNDS[ground]), 0.5)).energy
+    whole = energy["input"].max()
+
+    assert run.balance_error < 1e-6
+    if ground == "attenuating":  # damping and layer together
+        assert "absorbing_layer" not in energy
+        assert energy["damping"][-1] > 0.5 * whole
+        return
+    assert not energy["damping"].any()
+    left = sum(energy[name][-1] for name in ("kinetic", "strain", "joint_stored"))
+    out = energy["absorbing_layer"][-1] + energy["dashpots"][-1] + left
+    assert out == pytest.approx(energy["input"][-1] + energy["insitu"][-1], abs=1e-6 * whole)
+    assert energy["absorbing_layer"][-1] > 0.9 * (energy["input"][-1] - left)
