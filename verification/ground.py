@@ -203,7 +203,7 @@ def frame_of(part):
 def wrong_ground(tables: dict, mesh, rng) -> list[str]:
     """Return in words what is wrong in a mesh, not split."""
     asked = Asked(tables)
-    wrong = [*_sides(asked, mesh), *_layers(asked, mesh, rng)]
+    wrong = [*_sides(asked, mesh, rng), *_layers(asked, mesh, rng)]
     for part in asked.faults:
         wrong += _surface(asked, mesh, part, [np.array(part["through_m"])], rng)
     for part in asked.sets:
@@ -214,8 +214,8 @@ def wrong_ground(tables: dict, mesh, rng) -> list[str]:
     return wrong
 
 
-def _sides(asked, mesh):
-    """Yield sides that stand elsewhere."""
+def _sides(asked, mesh, rng):
+    """Yield sides that stand elsewhere, the top by its root mean square distance."""
     for side, (axis, end) in SIDES.items():
         at = mesh.points[np.unique(mesh.surfaces[side]), axis]
         wanted = (asked.low, asked.high)[end][axis]
@@ -223,11 +223,22 @@ def _sides(asked, mesh):
             yield f"{side} at {at[np.abs(at - wanted).argmax()]:.2f} for {wanted:.2f} m"
         elif (at.max() < wanted - asked.short) if end else (at.min() > wanted + asked.short):
             yield f"{side} leaves out a part of the box"
-    top = mesh.points[np.unique(mesh.surfaces["top"])]
-    over = top[((top > asked.low) & (top < asked.high))[:, :2].all(axis=1)]
-    off = np.abs(over[:, 2] - asked.ground(over)).max(initial=0.0)
+    top = _top_nodes(mesh)
+    plan = rng.uniform(asked.low[:2], asked.high[:2], (10 * THROWN, 2))
+    off = LinearNDInterpolator(top[:, :2], top[:, 2])(plan) - asked.ground(plan)
+    off = float(np.sqrt(np.nanmean(off**2)))
     if off > asked.short:
         yield f"the top is {off:.2f} m off"
+
+
+def _top_nodes(mesh):
+    """Return the nodes (n, 3) of the top, of curved hexahedra those of their upper faces."""
+    if mesh.places is None:
+        return mesh.points[np.unique(mesh.surfaces["top"])]
+    faces = {tuple(face) for face in np.sort(mesh.surfaces["top"], axis=1).tolist()}
+    upper = np.sort(mesh.zones[:, 4:], axis=1).tolist()
+    over = [tuple(face) in faces for face in upper]
+    return mesh.places[over][:, -((mesh.order + 1) ** 2) :].reshape(-1, 3)
 
 
 def _layers(asked, mesh, rng):

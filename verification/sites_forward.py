@@ -142,7 +142,8 @@ def main(arguments):
     elif not folder.is_dir():
         sys.exit(f"sites_forward: no folder {folder}")
     else:
-        names = [f"{s.name}/{blast}" for s in sorted(folder.glob("case-*")) for blast in BLASTS]
+        sites = sorted(site.name for site in folder.glob("case-*"))
+        names = [f"{site}/{blast}" for blast in BLASTS for site in sites]
         rows = each_row(OUT, names, lambda name: measured(folder, name), **limits)
     write_text(PAGE, paged(PAGE.read_text(), rows))
 

@@ -138,7 +138,7 @@ def _ground(mesh, asked, short) -> Iterator[Row]:
     for side in SIDES:
         yield from _side(mesh, asked, side, short)
     if ground is not None:
-        yield _top(mesh, box, ground, short)
+        yield from _top(mesh, box, ground, short)
     for planes in _asked_planes(asked, box, ground):
         yield from _planes(mesh, planes, box, short)
     yield from _layers(mesh, asked, box, ground, short)
@@ -219,7 +219,7 @@ class _Surface:
         self.low, self.size = asked.box[:2, 0], np.ptp(asked.box[:2], axis=1)
         x, y = (low + size * np.linspace(0.0, 1.0, RASTER) for low, size in
                 zip(self.low, self.size, strict=True))  # fmt: skip
-        plan = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1)
+        self.plan = plan = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1)
         surface = np.asarray(asked.surface, dtype=float)
         self.stepped = surface.ndim == 3
         if self.stepped:
@@ -450,15 +450,20 @@ def _moved(mesh, positions):
 
 
 def _top(mesh, box, ground, short):
-    """Return the mean height of the ground in the box."""
-    triangles = _in_box(_facets(mesh, "top")[0], box)
+    """Yield the mean height of the ground in the box, and its distance from the survey."""
+    triangles, nodes = _facets(mesh, "top")
+    triangles = _in_box(triangles, box)
     vectors = _vectors(triangles)
     area = vectors[:, 2].sum()
     height = float((vectors[:, 2] * triangles[..., 2].mean(axis=1)).sum() / area) if area else 0.0
     weight = np.ones(RASTER)
     weight[[0, -1]] = 0.5
     wanted = float(weight @ ground.raster @ weight / weight.sum() ** 2)
-    return Row("top", "mean height, m", wanted, height, short)
+    yield Row("top", "mean height, m", wanted, height, short)
+    if not ground.stepped:
+        built = scipy.interpolate.LinearNDInterpolator(nodes[:, :2], nodes[:, 2])(ground.plan)
+        away = float(np.sqrt(np.nanmean((built - ground.raster) ** 2)))
+        yield Row("top", "root mean square distance from its survey, m", 0.0, away, short)
 
 
 def _planes(mesh, planes, box, short):

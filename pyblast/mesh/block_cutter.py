@@ -84,7 +84,7 @@ def cut_cells(
     vertices = {v for c in chosen for v in vertices_of(cells, c)}
     height, limit = _heights(cells, vertices, plane, tolerance)
     while True:
-        trial = copied(cells)
+        trial = copied(cells, chosen)
         cut, failed = _try_cut(trial, chosen, whole, plane, dict(height), limit)
         hopeless = set()
         for cell in failed - whole:
@@ -358,7 +358,7 @@ def _cut_fault(rock, fault, spacing):
     chosen = [c for c in range(len(rock.cells.faces)) if _within(rock.cells, c, borders)]
     faces = rock.cut(chosen, plane, spacing)
     for border in borders:
-        trial = copied(rock.cells)
+        trial = copied(rock.cells, {c for f in faces for c in rock.cells.owners[f]})
         parts = split_faces(trial, faces, border, rock.tolerance(spacing))
         if not crooked_cells(trial, {c for f in parts for c in trial.owners[f]}):
             rock.cells, faces = trial, parts

@@ -47,17 +47,20 @@ def box_cells(low: np.ndarray, high: np.ndarray, names: Sequence[str]) -> Cells:
     return cells
 
 
-def copied(cells: Cells) -> Cells:
-    """Return a copy; only the points, which are never changed, are shared."""
-    return Cells(
-        points=cells.points[:],
-        loops=[loop[:] for loop in cells.loops],
-        tags=cells.tags[:],
-        owners=[owners.copy() for owners in cells.owners],
-        faces=[faces.copy() for faces in cells.faces],
-        kinds=cells.kinds[:],
-        ring=defaultdict(set, {edge: faces.copy() for edge, faces in cells.ring.items()}),
-    )
+def copied(cells: Cells, chosen: Iterable[int]) -> Cells:
+    """Return a copy whose chosen cells may be cut; what no cut of them changes is shared."""
+    lists = cells.points, cells.loops, cells.tags, cells.owners, cells.faces, cells.kinds
+    copy = Cells(*(each[:] for each in lists), ring=cells.ring.copy())
+    own = {edge for c in chosen for f in cells.faces[c] for edge in edges(cells.loops[f])}
+    around = {f for edge in own for f in cells.ring[edge]}
+    for face in around:
+        copy.loops[face] = cells.loops[face][:]
+        copy.owners[face] = cells.owners[face].copy()
+    for cell in {c for f in around for c in cells.owners[f]}:
+        copy.faces[cell] = cells.faces[cell].copy()
+    for edge in own:
+        copy.ring[edge] = cells.ring[edge].copy()
+    return copy
 
 
 def edges(loop: list[int]) -> Iterator[tuple[int, int]]:

@@ -28,8 +28,11 @@ _RETRIES = (1.0, 0.5, 1.5, 0.25, 0.0)
 _SEAM = "seam of the terrain"
 _SEAM_SHARE = 0.5  # of the tolerance of the terrain, for the lines between its facets
 _TERRAIN_SHARE = 0.05  # tolerance of the terrain over the smallest edge
+_HALVINGS = 4  # of edges over which a surface is sampled, where it is curved
+_ROUGH = 0.5  # of the distance of a first sampling: a survey is rough where halvings leave more
 _HEADROOM = 2.0  # room above the terrain, over the smallest edge
 _EXACT = 1e-6  # m
+_INNER_SHARES = np.array([(i, j, 8 - i - j) for i in range(9) for j in range(9 - i)]) / 8
 _LOG = logging.getLogger(__name__)
 
 
@@ -53,7 +56,7 @@ def build_mesh(
         They are cut before the joint sets.
     **options : Any
         Keywords of `build_mesh_report`: ``edge``, ``surface``, ``padding``, ``tolerance``,
-        ``seed``, ``optimize``, ``refinements``.
+        ``seed``, ``optimize``, ``refinements``, ``relief``.
 
     Returns
     -------
@@ -88,6 +91,7 @@ def build_mesh_report(
     seed: int = 0,
     optimize: bool = True,
     refinements: Sequence[tuple[ArrayLike, float]] = (),
+    relief: float = np.inf,
 ) -> tuple[Mesh, CutReport]:
     """Generate a mesh as `build_mesh`; also return the report of the cutting.
 
@@ -116,6 +120,9 @@ def build_mesh_report(
     refinements : sequence of ((3, 2) float, float), m
         Boxes with a mean edge of their own, where it is shorter; beyond them edges grow by 0.3 m
         a metre.
+    relief : float, m
+        Largest distance of the ground from a surveyed surface. It is sampled at every edge, and
+        down to a sixteenth of one where it is curved.
 
     Returns
     -------
@@ -143,7 +150,7 @@ def build_mesh_report(
         regions.append((part, size, growth_distance(size, outside)))
 
     smallest = float(np.min(edges))
-    terrain = None if surface is None else _terrain(surface, box, margin, smallest)
+    terrain = None if surface is None else _terrain(surface, box, margin, smallest, relief)
     top = None
     if terrain is not None:
         top = max(box[2, 1], terrain[..., 2].max()) + _HEADROOM * smallest
@@ -271,7 +278,7 @@ def _regions(box, limits, sizes, padding):
     return regions, max(far, *sizes)
 
 
-def _terrain(surface, box, margin, edge):
+def _terrain(surface, box, margin, edge, relief):
     """Return a surveyed surface as triangles (n, 3, 3) over box and padding in plan."""
     surface = np.asarray(surface, dtype=float)
     if surface.ndim == 3 and surface.shape[1:] == (3, 3):
@@ -279,7 +286,7 @@ def _terrain(surface, box, margin, edge):
         triangles = surface[np.abs(np.linalg.det(run)) > _EXACT]  # upright ones follow from steps
         _refuse_uncovered(triangles, box, margin)
     elif surface.ndim == 2 and surface.shape[1] == 3 and len(surface) >= 3:
-        triangles = _sampled(surface, box, margin, edge)
+        triangles = _sampled(surface, box, margin, edge, relief)
     else:
         raise InputError(
             "surface: needs three places (x, y, z) or more, or triangles (n, 3, 3), "
@@ -293,18 +300,37 @@ def _terrain(surface, box, margin, edge):
     return triangles
 
 
-def _sampled(places, box, margin, edge):
-    """Sample a surface at the corners of a grid of an edge; return its triangles (n, 3, 3)."""
-    x, y = (graded_axis(limits, [], edge, margin, margin) for limits in box[:2])
-    plan = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1)
-    height = scipy.interpolate.LinearNDInterpolator(places[:, :2], places[:, 2])(plan)
-    nearest = scipy.interpolate.NearestNDInterpolator(places[:, :2], places[:, 2])(plan)
-    height = np.where(np.isnan(height), nearest, height)
-    corners = np.concatenate([plan, height[..., None]], axis=2)
-    a, b, c, d = corners[:-1, :-1], corners[1:, :-1], corners[1:, 1:], corners[:-1, 1:]
-    return np.concatenate(
-        [np.stack(part, axis=2).reshape(-1, 3, 3) for part in ((a, b, c), (a, c, d))]
-    )
+def _sampled(places, box, margin, edge, relief):
+    """Sample a surface at the corners of a grid of an edge, as triangles (n, 3, 3).
+
+    Lines are added where it is farther from its triangles than the relief, unless it is too rough.
+    """
+    inside = scipy.interpolate.LinearNDInterpolator(places[:, :2], places[:, 2])
+    nearest = scipy.interpolate.NearestNDInterpolator(places[:, :2], places[:, 2])
+
+    def height_at(plan):
+        height = inside(plan)
+        return np.where(np.isnan(height), nearest(plan), height)
+
+    axes = [graded_axis(limits, [], edge, margin, margin) for limits in box[:2]]
+    first, far = np.zeros((0, 3, 3)), np.inf
+    for halving in range(_HALVINGS + 1):
+        plan = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
+        corners = np.concatenate([plan, height_at(plan)[..., None]], axis=2)
+        a, b, c, d = corners[:-1, :-1], corners[1:, :-1], corners[1:, 1:], corners[:-1, 1:]
+        cells = np.stack([np.stack(half, axis=2) for half in ((a, b, c), (a, c, d))], axis=2)
+        points = _INNER_SHARES @ cells
+        away = np.abs(points[..., 2] - height_at(points[..., :2])).max(axis=(2, 3))
+        triangles = cells.reshape(-1, 3, 3)
+        if halving == 0:
+            first, far = triangles, away.max()
+        if away.max() <= relief or halving == _HALVINGS:
+            break
+        for axis in (0, 1):
+            wide = np.flatnonzero((away > relief).any(axis=1 - axis))
+            middle = 0.5 * (axes[axis][wide] + axes[axis][wide + 1])
+            axes[axis] = np.sort(np.concatenate([axes[axis], middle]))
+    return triangles if away.max() <= max(relief, _ROUGH * far) else first
 
 
 def _refuse_uncovered(triangles, box, margin):

@@ -8,7 +8,7 @@ from itertools import chain, pairwise
 import numpy as np
 
 from ..errors import InputError, named_error
-from ..mesh.as_built import Row, as_built
+from ..mesh.as_built import OF_WAVE, Row, as_built
 from ..mesh.grid import SIDES
 from ..mesh.hexahedral import mapped, subdivided, swept
 from ..mesh.hexahedral.mapped import Builder, Fine, NotMapped
@@ -37,6 +37,7 @@ LINEAR_EDGE = 0.6  # of linear zones where a law needs them, over that of quadra
 FINER_EDGE = 0.63  # the same for edges of tetrahedra
 SOFT = 0.3  # S speed over that of the ground beneath: docs/quality/verification.md
 SHARP = 0.015  # of an edge: tolerance of tetrahedra where the usual one bends planes
+RELIEF = 0.5 * OF_WAVE  # of the shortest wavelength, of tetrahedra to a survey
 BESIDE = 0.6  # of an edge: radius of the sphere of a source
 RING = 2.2  # edges from a source to an open side, with which it can be injected
 STEP = 0.67  # of the edge before, of the edges that are tried around sources
@@ -225,7 +226,7 @@ def _tetrahedra(project, asked, wave, reason):
     wrong = ""
     for tolerance in (parts.tolerance_m,) if given else (None, sharp):
         cut = parts.model_copy(update={"tolerance_m": tolerance})
-        mesh = make_mesh(cut, materials, folder, project.surface)
+        mesh = make_mesh(cut, materials, folder, project.surface, relief=RELIEF * wave)
         rows = as_built(mesh, asked, wave)
         wrong = differences(rows)
         if not wrong:

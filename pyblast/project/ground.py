@@ -399,7 +399,7 @@ def mean_edge(config, layer, material):
     return material.cs / (per_wavelength * config.frequency_hz)
 
 
-def make_mesh(config, materials, folder, surface=None, log=None) -> Mesh:
+def make_mesh(config, materials, folder, surface=None, log=None, relief=np.inf) -> Mesh:
     """Build or read the mesh of a project, not yet split.
 
     Parameters
@@ -412,6 +412,8 @@ def make_mesh(config, materials, folder, surface=None, log=None) -> Mesh:
         Surveyed top surface.
     log : ReadLog, optional
         Takes what was read from a mesh file.
+    relief : float, m
+        Largest distance of the ground from its survey; see `build_mesh`.
     """
     if config.file is not None:
         return read_mesh(
@@ -429,7 +431,7 @@ def make_mesh(config, materials, folder, surface=None, log=None) -> Mesh:
     ]
     if config.grid_cells is not None:
         return _grid(config, layers, surface)
-    return _jointed_rock(config, layers, surface, make_fractures(config, folder))
+    return _jointed_rock(config, layers, surface, make_fractures(config, folder), relief)
 
 
 def _grid(config, layers, surface):
@@ -464,7 +466,7 @@ def _axis_of(fault):
     )
 
 
-def _jointed_rock(config, layers, surface, fractures):
+def _jointed_rock(config, layers, surface, fractures, relief):
     """Build jointed rock through gmsh."""
     low, size = np.array(config.origin_m), np.array(config.size_m)
     sets, faults = joints_and_faults(config)
@@ -477,6 +479,7 @@ def _jointed_rock(config, layers, surface, fractures):
             edge=config.edge_m,
             surface=surface, padding=padding, tolerance=config.tolerance_m, seed=config.seed,
             refinements=[(part.box_m, part.edge_m) for part in config.refinements],
+            relief=relief,
         )  # fmt: skip
 
 

@@ -8,7 +8,7 @@ from pyblast.mesh.faces import face_vectors
 from pyblast.mesh.grid import SIDES, Fault, Geometry, JointSet, Layer
 from pyblast.mesh.hexahedra import corner_neighbours
 from pyblast.mesh.hexahedral import subdivided
-from pyblast.mesh.hexahedral.mapped import Fine, NotMapped
+from pyblast.mesh.hexahedral.mapped import Fine, NotMapped, Surface
 from pyblast.mesh.hexahedral.subdivided import build, subdivide
 from pyblast.mesh.mesh import outer_faces, volumes
 from pyblast.mesh.quality import explicit_work
@@ -117,3 +117,24 @@ def test_fine_parts_have_smaller_hexahedra_and_high_orders_are_refused():
     assert len(built((), edge=30.0, lines=[part]).zones) > 1.2 * len(built((), edge=30.0).zones)
     with pytest.raises(NotMapped, match="order 2 to 4, not 5"):
         built(order=5)
+
+
+def test_the_top_is_raised_to_its_survey_within_its_planes(monkeypatch):
+    x, y = np.meshgrid(np.arange(-20.0, 101.0, 5.0), np.arange(-20.0, 81.0, 5.0))
+    height = 8.0 * np.exp(-(((x - 45.0) / 22.0) ** 2) - ((y - 30.0) / 20.0) ** 2)
+    survey = np.column_stack([x.ravel(), y.ravel(), height.ravel()])
+    plane = fault(60, 90, (40.0, 30.0, -15.0))
+    box = np.array([[0.0, 80.0], [0.0, 60.0], [-30.0, 0.0]])
+
+    ground = Geometry(box, (Layer("rock"),), (), (plane,), survey, standing=frozenset(SIDES))
+
+    def away(mesh):
+        top = mesh.points[np.unique(mesh.surfaces["top"])]
+        return np.sqrt(np.mean((top[:, 2] - Surface(ground).height(top[:, :2])) ** 2))
+
+    mesh = build(ground, [15.0], 3)
+    monkeypatch.setattr(subdivided, "RAISES", 0)
+
+    assert away(mesh) < 0.3 * away(build(ground, [15.0], 3))
+    on_plane = mesh.points[np.unique(mesh.surfaces["F"])] - plane.point
+    np.testing.assert_allclose(on_plane @ plane.unit_normal, 0.0, atol=1e-6)

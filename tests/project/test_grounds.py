@@ -105,6 +105,9 @@ GROUNDS = {
         size=(200, 90, 60), faults=[fault("F", 60, 90, (100, 45, 30))],
         survey=hill((200, 90), 35.0, 60.0), force=(40, 40, 30), receiver=(150, 52),
     ),
+    "level set that comes out in a hill": dict(
+        size=(200, 90, 60), sets=[joints(0, 0, 20.0)], survey=hill((200, 90), 20.0), **BELOW
+    ),
     "three parallel, one limited": dict(size=(228, 194, 80), faults=SITES, force=(40, 40, 61)),
     "two dips that meet": dict(size=(160, 90, 60), faults=MEETING, force=(20, 40, 41)),
     "two dips and strikes": dict(size=(160, 120, 60), faults=OBLIQUE, force=(20, 40, 41)),
@@ -115,7 +118,10 @@ GROUNDS = {
     "bedding": dict(size=(238, 145, 52), sets=[joints(8, 255, 23.8)], receiver=(33, 127, 52)),
     "upright across dipping": dict(size=(200, 160, 60), faults=ACROSS),
 }  # fmt: skip
-CUT = {"two dips and strikes"}  # no grid serves
+CUT = {
+    "two dips and strikes",
+    "level set that comes out in a hill",
+}  # no grid serves
 
 
 @pytest.mark.parametrize("name", GROUNDS)

@@ -10,6 +10,7 @@ from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
+import scipy
 
 from .. import hexahedra
 from ..builder import build_mesh
@@ -17,13 +18,17 @@ from ..faces import face_keys, face_vectors
 from ..grid import SIDES, Geometry
 from ..mesh import Mesh
 from ..quality import explicit_work
-from .mapped import LAYER_CELLS, SAME, Fine, NotMapped, between_zones, layer_beside
+from .mapped import LAYER_CELLS, SAME, Fine, NotMapped, Surface, between_zones, layer_beside
 from .swept import sliding, smoothed, upright
 
 EDGES = np.array([[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]])  # of a tetrahedron
 OPPOSITE = np.array([[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]])  # corners of its faces
 ORDERS = (2, 3, 4)
 TWICE = 2.0  # edge of tetrahedra over that of their hexahedra
+RELIEF = 0.1  # over that, of the facets that are cut to the survey, before nodes are raised to it
+RAISES, SPREADS = 5, 60  # Newton steps of nodes of the surface, and of the nodes below
+LEAST_VOLUME, RETREATS = 0.3, 12  # of corners, over that before; halvings of the move to keep it
+LEAST_RISE = 0.05  # of a node along its planes, to leave a surface
 POOR = 0.03  # share of zones that are smoothed with their neighbours
 TRIALS = (1.0, 0.93, 0.86, 0.8)  # factors on the edges, until no sliver sets the step
 GOOD = 30.0  # work times the wanted edge over the nodes; 4 for cubes of order 3
@@ -57,8 +62,12 @@ def _cut(geometry, sizes, order, lines):
         geometry.box, layers, geometry.joint_sets, geometry.faults, edge=edge,
         surface=geometry.surface, tolerance=SAME * edge,
         refinements=[(part.box, TWICE * part.edge) for part in lines or ()],
+        relief=RELIEF * float(min(sizes)),
     )  # fmt: skip
     points, zones, surfaces = subdivide(cut)
+    if geometry.surface is not None and np.ndim(geometry.surface) == 2:
+        faces = _between_groups(zones, np.tile(cut.zone_group, 4), len(points))
+        points = _raised(points, zones, surfaces, faces, Surface(geometry))
     points = _smoothed(points, zones, np.tile(cut.zone_group, 4), surfaces, edge)
     ends = {part.name for part in geometry.joint_sets}  # at the absorbing layer
     return _with_layer(geometry, cut, points, zones, surfaces, ends, min(sizes), order)
@@ -103,6 +112,58 @@ def subdivide(mesh: Mesh) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]
         quads = [np.stack([t[:, k], m[:, k], f, m[:, k - 1]], axis=1) for k in range(3)]
         surfaces[name] = np.concatenate(quads)
     return np.concatenate(every), np.concatenate(parts), surfaces
+
+
+def _raised(points, zones, surfaces, between, ground):
+    """Return points (n, 3), those of the top moved to a surface in the planes that they lie in."""
+    n, top = len(points), np.unique(surfaces["top"])
+    faces = np.concatenate([between, *(quads for s, quads in surfaces.items() if s != "top")])
+    normals = face_vectors(points, faces)
+    normals /= np.linalg.norm(normals, axis=1)[:, None]
+    ends = [_ends(quads, n) for name, quads in surfaces.items() if name not in SIDES]
+    outer = np.unique(np.concatenate([surfaces[side] for side in SIDES]))
+    fixed = np.setdiff1d(np.concatenate([np.zeros(0, dtype=int), *ends]), outer)
+    free, moved = sliding(n, faces, normals, fixed), points.copy()
+    slope = np.ones((len(top), 3))
+    for _ in range(RAISES):
+        at, step = moved[top], 1e-3 * np.eye(2)
+        for axis in (0, 1):
+            apart = ground.height(at[:, :2] + step[axis]) - ground.height(at[:, :2] - step[axis])
+            slope[:, axis] = -apart / 2e-3
+        along = np.einsum("nij,nj->ni", free[top], slope)
+        rise = np.einsum("ni,ni->n", along, slope)
+        away = np.where(rise > LEAST_RISE, ground.height(at[:, :2]) - at[:, 2], 0.0)
+        moved[top] += (away / np.maximum(rise, LEAST_RISE))[:, None] * along
+    shift, lines = (
+        moved - points,
+        np.unique(np.sort(zones[:, hexahedra.EDGES].reshape(-1, 2), axis=1), axis=0),
+    )
+    graph = scipy.sparse.coo_array(
+        (np.ones(2 * len(lines)), (lines.ravel(), lines[:, ::-1].ravel())), (n, n)
+    ).tocsr()
+    count = graph.sum(axis=1)[:, None]
+    wanted = shift[top]
+    for _ in range(SPREADS):
+        shift = np.einsum("nij,nj->ni", free, graph @ shift / count)
+        shift[top] = wanted
+    corners = hexahedra.corner_neighbours(zones)
+    least = LEAST_VOLUME * _volumes(points, corners)
+    for _ in range(RETREATS):
+        poor = (_volumes(points + shift, corners) < least).reshape(-1, 8).any(axis=1)
+        shift[zones[poor]] *= 0.5
+    return points + shift
+
+
+def _volumes(points, corners):
+    """Return the volumes (n,) in m3 that three edges of each corner span."""
+    return np.linalg.det(points[corners[:, 1:]] - points[corners[:, :1]])
+
+
+def _ends(quads, n):
+    """Return the nodes of edges that only one of some quadrilaterals has."""
+    lines = np.sort(np.stack([quads, np.roll(quads, -1, axis=1)], axis=2).reshape(-1, 2), axis=1)
+    keys, count = np.unique(lines @ [n, 1], return_counts=True)
+    return np.concatenate([keys[count == 1] // n, keys[count == 1] % n])
 
 
 def _smoothed(points, zones, group, surfaces, edge):
