@@ -49,8 +49,9 @@ def box_cells(low: np.ndarray, high: np.ndarray, names: Sequence[str]) -> Cells:
 
 def copied(cells: Cells, chosen: Iterable[int]) -> Cells:
     """Return a copy whose chosen cells may be cut; what no cut of them changes is shared."""
-    lists = cells.points, cells.loops, cells.tags, cells.owners, cells.faces, cells.kinds
-    copy = Cells(*(each[:] for each in lists), ring=cells.ring.copy())
+    points, loops, tags = cells.points[:], cells.loops[:], cells.tags[:]
+    owners, faces, kinds = cells.owners[:], cells.faces[:], cells.kinds[:]
+    copy = Cells(points, loops, tags, owners, faces, kinds, cells.ring.copy())
     own = {edge for c in chosen for f in cells.faces[c] for edge in edges(cells.loops[f])}
     around = {f for edge in own for f in cells.ring[edge]}
     for face in around:
