@@ -22,6 +22,7 @@ from .case import Case, case_of
 from .forward import Forward
 
 MOST = 6  # mistakes at one site
+FEWEST = 3  # receivers, of which one may stand out
 MISFIT = 0.05  # 1 - correlation below which nothing is asked of a record
 SLIGHT = 0.02  # the same of all records of a blast, at their own times
 RATIO = 4.0  # misfit before to misfit after, at least
@@ -287,8 +288,10 @@ def _copy(compared):
 
 
 def _of_receivers(compared) -> Iterator[Mistake]:
-    """Yield mistakes at one receiver that mend all of its records."""
+    """Yield mistakes at one receiver that mend all of its records, beside two others at least."""
     case, plain = compared.case, compared.plain
+    if len(case.receivers) < FEWEST:
+        return
     for r, name in enumerate(case.receivers):
         blasts = compared.present(r)
         if not len(blasts):
@@ -380,15 +383,13 @@ def _of_calculus(compared, r, name, before, blasts):
     """Yield records that hold acceleration or displacement in place of velocity."""
     usual, spread = _usual_amplitude(compared, r)
     case = compared.case
-    turns = 2j * np.pi * fft.rfftfreq(case.n_samples, case.dt)
-    inverse = np.divide(1.0, turns, out=np.zeros_like(turns), where=turns != 0.0)
-    recorded, simulated = compared.recorded[blasts, r], compared.simulated[blasts, r]
-    for word, factor, act in (
-        ("acceleration", inverse, "integrate"),
-        ("displacement", turns, "differentiate"),
+    motion = np.where(case.valid, case.motion, 0.0)[blasts, r]
+    simulated = compared.simulated[blasts, r]
+    for word, whole, act in (
+        ("acceleration", case.dt * np.cumsum(motion, axis=-1), "integrate"),
+        ("displacement", np.gradient(motion, case.dt, axis=-1), "differentiate"),
     ):
-        changed = fft.irfft(fft.rfft(recorded) * factor, case.n_samples)
-        changed = changed @ case.band.basis @ case.band.basis.T
+        changed = whole @ case.band.basis @ case.band.basis.T
         after = compared.correlation(changed, simulated)
         level = np.median(np.log(_size(changed) / np.maximum(_size(simulated), 1e-300))) - usual
         if _mends(before, after) and abs(level) < 3.0 * spread:

@@ -283,9 +283,8 @@ def _finished(output, provenance, *asked):
         return None
     before = known.get("provenance")
     same = isinstance(before, dict) and _decisive(before) == _decisive(provenance)
-    return (
-        known if same and tuple(map(known.get, ("budget", "seed", "corrected"))) == asked else None
-    )
+    answered = known.get("budget"), known.get("seed"), known.get("corrected", False)
+    return known if same and answered == asked else None
 
 
 def predict_file(folder, output, summary, holes, path, baseline=False, runs=None):

@@ -6,7 +6,7 @@ from dataclasses import replace
 from functools import cache
 
 import numpy as np
-from small_project import TEXT
+from small_project import CARRIED, TEXT
 from small_site import BAND, BEFORE, DT, SAMPLES, TABLES, small_site
 
 from pyblast.config.config import check_config
@@ -63,6 +63,7 @@ def site_on(ground):
     tables["mesh"] |= MESHES[ground]
     if ground == "yielding":
         tables["materials"]["rock"] |= STRONG
+        tables["mesh"]["edge_m"] = 12.0  # carries some of the band
     if not tables["mesh"]["faults"] and "joint_sets" not in tables["mesh"]:
         tables["joints"] = {}
     config = check_config(tables)
@@ -113,8 +114,11 @@ def below_bench(receivers):
 
 
 def through_a_face():
-    """Return the column of soil on rock whose motion enters through a face."""
-    tables = tomllib.loads(TEXT)
+    """Return the column on rock whose motion enters through a face; it carries the band."""
+    text = TEXT
+    for soft, stiff in CARRIED[:2]:
+        text = text.replace(soft, stiff)
+    tables = tomllib.loads(text)
     tables["diagnosis"] = {"noise_window_s": [-BEFORE * DT, 0.0]}
     tables["run"]["compare_band_hz"] = list(BAND)
     return make_project(check_config(tables), "small.toml", {"records": {}})

@@ -159,7 +159,7 @@ def test_an_effect_on_top_of_another_is_fitted_by_fewer_runs_as_well():
     assert runs[1] <= 0.5 * runs[0]
     assert held.log_evidence == pytest.approx(anew.log_evidence, abs=1.0)
     assert held.effects[1].values[0][0] == pytest.approx(8e-3, abs=1e-3)
-    assert held.effects[0].values[0][0] == pytest.approx(anew.effects[0].values[0][0], rel=0.05)
+    assert held.effects[0].values[0][0] == pytest.approx(anew.effects[0].values[0][0], rel=0.1)
 
 
 def damping(quality):

@@ -73,7 +73,7 @@ def test_ground_that_no_builder_gives_is_refused_with_both_figures(project, monk
     one = project({"kind": "tetrahedra", "edge_m": 15.0}, boundaries=closed)
     other = project({"kind": "tetrahedra", "edge_m": 15.0}).ground.mesh
     other.points[:, 2] *= 1.2
-    monkeypatch.setattr("pyblast.project.elements.make_mesh", lambda *_: other)
+    monkeypatch.setattr("pyblast.project.elements.make_mesh", lambda *_, **__: other)
 
     with pytest.raises(
         InputError, match=r"bottom, position .*: asked -60, built -72 \(tolerance 3"
