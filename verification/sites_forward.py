@@ -21,6 +21,7 @@ import obspy
 from pyblast.config.config import Config
 from pyblast.project.project import load_project, make_project
 from pyblast.project.result import write_text
+from pyblast.signals.seismogram import Seismogram
 from pyblast.solver.preparation import prepare
 from pyblast.solver.run import simulate
 
@@ -63,15 +64,20 @@ def compared(path, record, holes=None):
     }
 
 
-def misfits(run, project, record):
-    """Return energies of differences over those of records, by receiver: in band, in all."""
-    stream, errors = obspy.read(str(record), format="MSEED"), []
+def misfits(run, project, file):
+    """Return energies of differences over those of records, by receiver: in band, in all.
+
+    Records go through the low-pass of what enters.
+    """
+    stream, errors = obspy.read(str(file), format="MSEED"), []
     lead, band = project.lead, project.config.run.compare_band_hz
     for name, simulated in run.seismograms.items():
         traces = {t.stats.channel[-1]: t for t in stream if t.stats.station == name}
         if not traces:
             continue
-        wanted = np.array([traces[axis].data.astype(float) for axis in "ENZ"])
+        data = np.column_stack([traces[axis].data.astype(float) for axis in "ENZ"])
+        record = Seismogram(data, traces["E"].stats.delta, -BEFORE)
+        wanted = record.filtered_like(project.low_pass).velocity.T
         times = traces["E"].stats.delta * np.arange(wanted.shape[1]) - BEFORE
         own = simulated.start - lead + simulated.dt * np.arange(len(simulated.velocity))
         within = times <= own[-1]
