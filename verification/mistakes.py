@@ -20,7 +20,7 @@ import numpy as np
 
 from pyblast.diagnosis.case import case_of
 from pyblast.diagnosis.forward import Forward
-from pyblast.diagnosis.mistakes import mistakes_of
+from pyblast.diagnosis.mistakes import changed_records, mistakes_of, with_velocity
 from pyblast.project.project import load_project, with_further
 
 from .rows import each_row, options
@@ -31,21 +31,10 @@ SITES = ("case-01", "case-04", "case-13", "case-06", "case-07", "case-08")
 SEED = 3
 
 
-def records(project, change, blast=None, receiver=None):
-    """Return a project whose records are changed, all or those of a blast or receiver."""
-    return project.changed(records={
-        each.name: {
-            name: change(one) if blast in (None, each.name) and receiver in (None, name) else one
-            for name, one in each.records.items()
-        }
-        for each in (project, *project.further)
-    })  # fmt: skip
-
-
-def with_velocity(change, record):
+def rewritten(change, record):
     """Return a record with another velocity, a function of its own."""
-    velocity = change(record.seismogram.velocity.copy(), record.seismogram.dt)
-    return replace(record, seismogram=replace(record.seismogram, velocity=velocity))
+    velocity = record.seismogram.velocity.copy()
+    return with_velocity(record, change(velocity, record.seismogram.dt))
 
 
 def turned(degrees, v, dt):
@@ -94,7 +83,7 @@ def spoiled(project, kind, rng):
     blast = str(rng.choice([each.name for each in every]))
     if kind in AT_A_RECEIVER:
         what, act, change = AT_A_RECEIVER[kind]
-        return records(project, partial(with_velocity, change), None, receiver), (
+        return changed_records(project, partial(rewritten, change), receiver), (
             what,
             receiver,
             act,
@@ -105,8 +94,8 @@ def spoiled(project, kind, rng):
             t[receiver], t[other] = t[other], t[receiver]
         return project.changed(records=tables), ("receivers", {receiver, other}, "exchange")
     if kind == "time zero 30 ms late":
-        late = records(project, lambda one: replace(
-            one, seismogram=one.seismogram.shifted(0.03)), blast)  # fmt: skip
+        late = changed_records(project, lambda one: replace(
+            one, seismogram=one.seismogram.shifted(0.03)), blast=blast)  # fmt: skip
         return late, ("time zero", blast, "30 ms late")
     blasts = project.blasts
     if kind == "delays in the opposite order":

@@ -7,7 +7,7 @@ and be explained by ground that is not there.
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 from itertools import combinations, permutations, product
 
 import numpy as np
@@ -180,15 +180,11 @@ class Compared:
         shown = case.in_band(np.where(case.valid, motion, 0.0))
         return cls(case, case.in_band(case.motion), shown, _axes(project, case.receivers))
 
-    @property
+    @cached_property
     def lags(self) -> int:
         """Samples by which any record may be late, because speeds are not known exactly."""
         band = self.case.band
         return max(1, int(EARLY / np.sqrt(max(band.low, 0.3 * band.high) * band.high) / band.dt))
-
-    def norm(self, motion) -> np.ndarray:
-        """Return the norm of each record, (n_blasts, n_receivers)."""
-        return np.sqrt(np.sum(motion**2, axis=(2, 3)))
 
     def products(self, recorded, simulated, lags=None) -> np.ndarray:
         """Return products of components, (..., 3, 3, 2 n + 1) for lags of -n to n samples.
@@ -206,33 +202,33 @@ class Compared:
 
     def present(self, r) -> np.ndarray:
         """Return the numbers of the blasts that a receiver recorded."""
-        return np.flatnonzero(self.norm(self.recorded)[:, r] > 0.0)
+        return np.flatnonzero(_size(self.recorded)[:, r] > 0.0)
 
     def recorders(self, b) -> np.ndarray:
         """Return the numbers of the receivers that recorded a blast."""
-        return np.flatnonzero(self.norm(self.recorded)[b] > 0.0)
+        return np.flatnonzero(_size(self.recorded)[b] > 0.0)
 
     def correlation(self, recorded, simulated, lags=None) -> np.ndarray:
         """Return the largest correlation (...) of motions (..., 3, n_samples) over lags."""
         products = np.trace(self.products(recorded, simulated, lags), axis1=-3, axis2=-2)
         return products.max(axis=-1) / np.maximum(_size(recorded) * _size(simulated), 1e-300)
 
-    @property
+    @cached_property
     def plain(self) -> np.ndarray:
         """Correlation of each record as it is, (n_blasts, n_receivers); nan where there is none."""
-        nothing = self.norm(self.recorded) == 0.0
+        nothing = _size(self.recorded) == 0.0
         return np.where(nothing, np.nan, self.correlation(self.recorded, self.simulated))
 
-    @property
+    @cached_property
     def strict(self) -> np.ndarray:
         """Correlation of each record at its own times, (n_blasts, n_receivers); nan for none."""
-        nothing = self.norm(self.recorded) == 0.0
+        nothing = _size(self.recorded) == 0.0
         return np.where(nothing, np.nan, self.correlation(self.recorded, self.simulated, 0))
 
-    @property
+    @cached_property
     def amplitude(self) -> np.ndarray:
         """Logarithm of recorded over simulated amplitude, (n_blasts, n_receivers)."""
-        recorded, simulated = self.norm(self.recorded), self.norm(self.simulated)
+        recorded, simulated = _size(self.recorded), _size(self.simulated)
         with np.errstate(divide="ignore", invalid="ignore"):
             return np.where(recorded > 0.0, np.log(recorded / simulated), np.nan)
 
@@ -250,6 +246,11 @@ class Compared:
             and np.all(np.asarray(after) > before)
             and remaining <= max(MISFIT, OTHERS * self.usual(but))
         )
+
+
+def _mistake(kind, target, act, before, after, mended):
+    """Return a mistake from the correlations of the records concerned."""
+    return Mistake(kind, target, act, float(np.mean(before)), float(np.mean(after)), mended)
 
 
 def _size(motion):
@@ -273,13 +274,13 @@ def _copy(compared):
         wrong, right = (a, b) if fits[0] < fits[1] else (b, a)
         name, other = case.blasts[wrong], case.blasts[right]
         act = f"give the records of {name}: those in their place are the records of {other}"
-        return Mistake(
+        return _mistake(
             "copy",
             name,
             act,
             min(fits),
             max(fits),
-            lambda project, name=name: _without(project, name),
+            partial(_without, blast=name),
         )
     return None
 
@@ -312,13 +313,8 @@ def _of_components(compared, r, name, before, recorded, simulated):
     size = np.maximum(_size(recorded) * _size(simulated), 1e-300)
 
     def mistake(kind, act, after, change):
-        return Mistake(
-            kind,
-            name,
-            act,
-            float(np.mean(before)),
-            float(np.mean(after)),
-            lambda project: _records(project, name, change),
+        return _mistake(
+            kind, name, act, before, after, partial(changed_records, change=change, receiver=name)
         )
 
     for order, signs in product(permutations(range(3)), product((1.0, -1.0), repeat=3)):
@@ -393,13 +389,13 @@ def _of_calculus(compared, r, name, before, blasts):
         after = compared.correlation(changed, simulated)
         level = np.median(np.log(_size(changed) / np.maximum(_size(simulated), 1e-300))) - usual
         if _mends(before, after) and abs(level) < 3.0 * spread:
-            yield Mistake(
+            yield _mistake(
                 f"{act}d",
                 name,
                 f"{act} the records of {name}: they are {word}, not velocity",
-                float(np.mean(before)),
-                float(np.mean(after)),
-                lambda project, act=act: _records(project, name, partial(_calculus, how=act)),
+                before,
+                after,
+                partial(changed_records, change=partial(_calculus, how=act), receiver=name),
             )
 
 
@@ -425,15 +421,17 @@ def _of_unit(compared, r, name, blasts):
         for sign, how in ((1.0, "divide"), (-1.0, "multiply")):
             error = np.abs(level - sign * np.log(factor))
             if np.all(error < min(3.0 * spread, NEAREST)):
-                before, after = (float(np.mean(np.exp(-np.abs(e)))) for e in (level, error))
-                yield Mistake(
+                before, after = (np.exp(-np.abs(e)) for e in (level, error))
+                yield _mistake(
                     "unit",
                     name,
                     f"{how} the records of {name} by {words}",
                     before,
                     after,
-                    lambda project, by=factor**-sign: _records(
-                        project, name, partial(_scaled, factor=by)
+                    partial(
+                        changed_records,
+                        change=partial(_scaled, factor=factor**-sign),
+                        receiver=name,
                     ),
                 )
 
@@ -456,13 +454,13 @@ def _of_pairs(compared) -> Iterator[Mistake]:
         ).ravel()
         if compared.accepts(before, crossed, (a, b)):
             names = case.receivers[a], case.receivers[b]
-            yield Mistake(
+            yield _mistake(
                 "receivers",
                 " and ".join(names),
                 f"exchange the records of {names[0]} and {names[1]}",
-                float(np.mean(before)),
-                float(np.mean(crossed)),
-                lambda project, names=names: _exchanged(project, *names),
+                before,
+                crossed,
+                partial(_exchanged, first=names[0], second=names[1]),
             )
 
 
@@ -484,15 +482,13 @@ def _of_blasts(compared) -> Iterator[Mistake]:
         if _mends(before, after):
             seconds = shifts[b] * case.dt
             act = f"correct time zero of {name}: its records are {1e3 * abs(seconds):.0f} ms "
-            yield Mistake(
+            yield _mistake(
                 "time zero",
                 name,
                 act + ("late" if seconds > 0.0 else "early"),
-                float(np.mean(before)),
-                float(np.mean(after)),
-                lambda project, b=name, s=seconds: _records(
-                    project, None, partial(_shifted, seconds=-s), b
-                ),
+                before,
+                after,
+                partial(changed_records, change=partial(_shifted, seconds=-seconds), blast=name),
             )
 
 
@@ -564,7 +560,7 @@ def _of_place(forward, compared, b, name):
             (_motion(forward, name, _moved(own, offset + STEP * unit)) - at) / STEP
             for unit in np.eye(2)
         ]
-        size = compared.norm(at[None])[0, present, None, None]
+        size = _size(at)[present, None, None]
         columns = np.stack([(slope[present] / size).ravel() for slope in slopes], axis=1)
         wrong = ((compared.recorded[b] - at)[present] / size).ravel()
         step = np.linalg.lstsq(columns, wrong, rcond=None)[0]
@@ -587,12 +583,12 @@ def _judged(forward, compared, b, fired, kind, act):
     after = compared.correlation(compared.recorded[b], motion, 0)[present]
     before = compared.strict[b, present]
     if _mends(before, after, SLIGHT):
-        yield Mistake(
+        yield _mistake(
             kind,
             name,
             act,
-            float(np.mean(before)),
-            float(np.mean(after)),
+            before,
+            after,
             lambda project: project.changed(blasts=project.blasts | {name: fired}),
         )
 
@@ -617,8 +613,13 @@ def _moved(blast: Blast, offset) -> Blast:
 # Acts on the records of a project
 
 
-def _records(project, receiver, change, blast=None) -> Project:
-    """Return a project with changed records of a receiver, or of a blast."""
+def changed_records(
+    project: Project,
+    change: Callable[[Recording], Recording],
+    receiver: str | None = None,
+    blast: str | None = None,
+) -> Project:
+    """Return a project with all records changed, or those of a receiver or a blast."""
     tables = {
         each.name: {
             name: change(record)
@@ -653,7 +654,7 @@ def _exchanged(project, first, second) -> Project:
     return project.changed(records=tables)
 
 
-def _with_velocity(record: Recording, velocity, **other) -> Recording:
+def with_velocity(record: Recording, velocity, **other) -> Recording:
     """Return a record with other velocities."""
     return replace(record, seismogram=replace(record.seismogram, velocity=velocity), **other)
 
@@ -664,7 +665,7 @@ def _rearranged(record, order, signs) -> Recording:
     for i, (j, sign) in enumerate(zip(order, signs, strict=True)):
         velocity[:, j] = sign * record.seismogram.velocity[:, i]
         clipped[:, j] = record.clipped[:, i]
-    return _with_velocity(record, velocity, clipped=clipped)
+    return with_velocity(record, velocity, clipped=clipped)
 
 
 def _turned(record, turn) -> Recording:
@@ -674,12 +675,12 @@ def _turned(record, turn) -> Recording:
     velocity[:, 0] = np.cos(turn) * east + np.sin(turn) * north
     velocity[:, 1] = np.cos(turn) * north - np.sin(turn) * east
     clipped[:, :2] |= clipped[:, 1::-1]
-    return _with_velocity(record, velocity, clipped=clipped)
+    return with_velocity(record, velocity, clipped=clipped)
 
 
 def _scaled(record, factor) -> Recording:
     """Return a record times a factor."""
-    return _with_velocity(record, factor * record.seismogram.velocity)
+    return with_velocity(record, factor * record.seismogram.velocity)
 
 
 def _calculus(record, how) -> Recording:
@@ -690,7 +691,7 @@ def _calculus(record, how) -> Recording:
         velocity -= np.linspace(0.0, 1.0, len(velocity))[:, None] * velocity[-1]
     else:
         velocity = np.gradient(seismogram.velocity, seismogram.dt, axis=0)
-    return _with_velocity(record, velocity)
+    return with_velocity(record, velocity)
 
 
 def _shifted(record, seconds) -> Recording:

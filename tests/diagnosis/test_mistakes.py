@@ -9,8 +9,8 @@ from small_site import DT, recorded, small_site
 
 from pyblast.diagnosis.case import case_of
 from pyblast.diagnosis.forward import Forward
-from pyblast.diagnosis.mistakes import mistakes_of
-from verification.mistakes import AT_A_RECEIVER, records, with_velocity
+from pyblast.diagnosis.mistakes import changed_records, mistakes_of
+from verification.mistakes import AT_A_RECEIVER, rewritten
 
 
 @cache
@@ -46,7 +46,7 @@ def test_no_mistake_is_named_in_right_records():
 @pytest.mark.parametrize("kind", [k for k in AT_A_RECEIVER if k not in ("acceleration",)])
 def test_a_mistake_at_one_receiver_is_named_and_mended(kind):
     right, (named, act, change) = site()[0], AT_A_RECEIVER[kind]
-    wrong = records(right, partial(with_velocity, change), None, "R2")
+    wrong = changed_records(right, partial(rewritten, change), "R2")
 
     mistakes, mended = found_in(wrong)
 
@@ -73,7 +73,7 @@ def test_a_wrong_time_zero_of_a_blast_is_named_and_corrected():
     def moved(one):
         return replace(one, seismogram=one.seismogram.shifted(8 * DT))
 
-    (mistake,), mended = found_in(records(right, moved, "B1"))
+    (mistake,), mended = found_in(changed_records(right, moved, blast="B1"))
 
     assert (mistake.kind, mistake.target) == ("time zero", "B1")
     assert mistake.act.endswith("32 ms late")
@@ -92,8 +92,8 @@ def test_the_records_of_another_blast_are_known_for_a_copy():
 
 def test_two_mistakes_are_both_named():
     right = site()[0]
-    wrong = records(right, partial(with_velocity, lambda v, _: -v), None, "R1")
-    wrong = records(wrong, partial(with_velocity, lambda v, _: 1e3 * v), None, "R3")
+    wrong = changed_records(right, partial(rewritten, lambda v, _: -v), "R1")
+    wrong = changed_records(wrong, partial(rewritten, lambda v, _: 1e3 * v), "R3")
 
     mistakes, mended = found_in(wrong)
 
