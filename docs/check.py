@@ -74,9 +74,10 @@ def quick_start(folder: Path) -> tuple[dict[str, str], dict[str, bytes]]:
 def proof(folder: Path) -> tuple[dict[str, str], dict[str, bytes]]:
     """Run the proof of the README."""
     said = run("python examples/concealed/proof.py proof", folder)
-    before, after, better, count = re.search(
+    (numbers,) = re.findall(
         r"([\d.]+) % of its energy .*?([\d.]+) % by the .*? at (\d+) of (\d+) receivers", said
-    ).groups()
+    )
+    before, after, better, count = numbers
     out = folder / "proof" / "001"
     (effect,) = json.loads((out / "diagnosis.json").read_text("utf-8"))["effects"]
     closed = effect["parameters"]["closed"]

@@ -12,10 +12,10 @@ from ..inference.covariance import LEVELS
 from ..inference.gauss_newton import DIFFERENCE
 from ..inference.parameter import Parameter, Problem, problem_of
 from ..inference.records import band_functions
-from ..project.inputs import input_band
+from ..project.inputs import NEARLY, input_band
 from ..project.places import on_ground
 from ..project.project import Project, make_project
-from ..project.validity import NEARLY, carried_band, validity
+from ..project.validity import carried_band, validity
 from ..solver.injection import near_receivers
 from ..units import plain_number
 from .fit import on_mesh_of_band
