@@ -1,5 +1,6 @@
 """Summary of a diagnosis: the content of ``diagnosis.json``, and where residuals come from."""
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
@@ -349,7 +350,7 @@ def _more_receivers(remainder):
     if remainder is None:
         return "more receivers, and a shot from another side"
     receivers = remainder["receivers"]
-    near = [f"east {p['x']:.0f} m, north {p['y']:.0f} m" for p in remainder["points"]]
+    near = [f"east {p['x']:.4g} m, north {p['y']:.4g} m" for p in remainder["points"]]
     near += [max(receivers, key=receivers.get)] if receivers else []
     where = " and ".join(near) or "the located residual"
     return f"more receivers around {where}, and a shot from another side"
@@ -404,7 +405,12 @@ def _window(axis, energy):
     """Return the central window of an axis with the share `WINDOW` of an energy."""
     share = np.cumsum(energy) / max(np.sum(energy), 1e-300)
     ends = np.searchsorted(share, [0.5 - WINDOW / 2, 0.5 + WINDOW / 2])
-    return [round(float(axis[min(end, len(axis) - 1)]), 4) for end in ends]
+    return [_rounded(axis[min(end, len(axis) - 1)], np.ptp(axis)) for end in ends]
+
+
+def _rounded(value, span, digits=4):
+    """Round a value to a share of 10 to the power of minus `digits` of a span."""
+    return round(float(value), digits - math.floor(math.log10(span)))
 
 
 def scattering_points(baseline: Baseline, residual, chi_square) -> list[dict]:
@@ -461,10 +467,10 @@ def scattering_points(baseline: Baseline, residual, chi_square) -> list[dict]:
         return []
     return [
         {
-            "x": round(float(x[best[0]]), 1),
-            "y": round(float(y[best[1]]), 1),
+            "x": _rounded(x[best[0]], GRID * spacing, 3),
+            "y": _rounded(y[best[1]], GRID * spacing, 3),
             "coherence": round(float(stack[best]), 3),
-            "resolution_m": round(float(width), 1),
+            "resolution_m": _rounded(width, GRID * spacing, 3),
         }
     ]
 

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, ClassVar, NamedTuple, Protocol
 
@@ -14,6 +14,7 @@ from ..errors import InputError
 from ..units import check_density, check_modulus, check_speed, check_tangent
 
 MECHANISMS = 3  # relaxation mechanisms of a constant Q
+HALVINGS = 10  # of the interval in which the nearest possible quality lies
 FIT_POINTS = 60  # frequencies of its fit
 PLASTIC = ("mohr-coulomb", "hoek-brown", "ubiquitous")  # laws of ground that yields
 INSIDE = np.geomspace(0.5, 1.5, 12)  # first relaxation rate over the low end of the band
@@ -173,16 +174,38 @@ class ConstantQ:
         InputError
             If Qp is so large compared with Qs that compression would gain energy.
         """
-        p, s = self.shares(self.qp), self.shares(self.qs)
-        p_wave = material.density * material.cp**2 * self._unrelaxed(self.qp)
-        shear = material.shear * self._unrelaxed(self.qs)
-        if (p_wave * p < 4.0 / 3.0 * shear * s * (1.0 - 1e-9)).any():
+        if not self._loses(material):
             limit = 0.75 * (material.cp / material.cs) ** 2 * self.qs
             raise InputError(
                 f"material.qp: {self.qp:g} with qs {self.qs:g} makes compression gain energy; "
                 f"qp must stay clearly below 0.75 (cp/cs)^2 qs = {limit:.3g}"
+                f"{self._nearest(material)}"
             )
         return {}
+
+    def _loses(self, material):
+        """Tell whether compression of a material loses energy in every mechanism."""
+        p, s = self.shares(self.qp), self.shares(self.qs)
+        p_wave = material.density * material.cp**2 * self._unrelaxed(self.qp)
+        shear = material.shear * self._unrelaxed(self.qs)
+        return not (p_wave * p < 4.0 / 3.0 * shear * s * (1.0 - 1e-9)).any()
+
+    def _nearest(self, material):
+        """Return in words the pairs of quality that a material can have and that are nearest."""
+        pairs = []
+        for key, far, towards in (("qp", 0.1, math.floor), ("qs", 10.0, math.ceil)):
+            bad = getattr(self, key)
+            good = far * bad
+            if not replace(self, **{key: good})._loses(material):
+                continue
+            for _ in range(HALVINGS):
+                middle = math.sqrt(good * bad)
+                loses = replace(self, **{key: middle})._loses(material)
+                good, bad = (middle, bad) if loses else (good, middle)
+            step = 10.0 ** (math.floor(math.log10(good)) - 2)
+            pair = {"qp": self.qp, "qs": self.qs, key: step * towards(good / step)}
+            pairs.append("qp {qp:.3g} with qs {qs:.3g}".format_map(pair))
+        return f": give {' or '.join(pairs)}" if pairs else ""
 
 
 def _shares(rates, band, quality):

@@ -160,11 +160,17 @@ def _mesh_defects(project, summary):
     both = [b.surface for b in boundaries if isinstance(b, Roller) and b.surface in viscous]
     yield checks_ground.fixed_and_viscous(both)
     layers = project.config.mesh.layers
-    if len(layers) > 1 and layers[0].thickness_m is not None:
+    if len(layers) > 1 and _rests_on_more(layers, points):
         top, below = (project.materials[layer.material] for layer in layers[:2])
         yield checks_ground.soil_resonance(
             layers[0].material, top, layers[0].thickness_m, below, centre, band
         )
+
+
+def _rests_on_more(layers, points):
+    """Tell whether the ground below the first layer is thicker than it: no plate beneath it."""
+    first = layers[0].thickness_m
+    return first is not None and 2.0 * first < float(np.ptp(points[:, 2]))
 
 
 def _stiff(project, summary):

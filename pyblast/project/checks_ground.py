@@ -254,9 +254,10 @@ def soil_resonance(name, material, thickness, below, frequency, band):
     return Finding(
         "D12",
         f"'{name}' resonates by itself",
-        f"{thickness:g} m on rock of {contrast:.1f} times its impedance resonate at {own:.2f} Hz "
-        f"and odd multiples; {frequency:.3g} Hz would be "
-        f"{material.cs / (4.0 * frequency):.1f} m of it: another reading of the same peak.",
+        f"{thickness:g} m on rock of {contrast:.1f} times its impedance resonate at "
+        f"{plain_number(own)} Hz and odd multiples; {frequency:.3g} Hz would be "
+        f"{plain_number(material.cs / (4.0 * frequency), 2)} m of it: another reading of the same "
+        "peak.",
         numbers={"own": own, "thickness_at_centre": material.cs / (4.0 * frequency)},
     )
 

@@ -22,7 +22,7 @@ from ..errors import InputError, named_error
 from ..model.boundary import StressInput, VelocityInput, WaveFronts
 from ..model.source import PlaneWave, TimeFunction, polarisation
 from ..recordings.recording import Recording, first_recording, read_recording
-from ..signals.seismogram import GEOGRAPHIC, Seismogram
+from ..signals.seismogram import GEOGRAPHIC, Seismogram, fast_length
 from ..signals.spectra import LowPassed, dominant_frequency, highest_frequency, lowpass
 from ..units import to_si
 from .places import carried_frequency, charge_depth, level_distance
@@ -310,6 +310,7 @@ SMOOTH = 8  # order of a pulse that is given by its frequency
 FREQUENCY = 20.0  # Hz, of a hole without one
 STEP_DOWN = 0.95  # between low-passes that are tried
 LEAST_PEAK = 0.9  # share of the peak of the blast that a run has to hold
+PERIODS = 20.0  # of the lowest frequency that is lost, around a pulse
 NEARLY = 0.95  # of the top of a band, from which on a mesh carries it
 
 
@@ -592,9 +593,11 @@ def held_shares(whole, passed, carried) -> tuple[float, float]:
     carried : float, Hz
     """
     velocity = np.nan_to_num(passed.velocity)
-    spectrum = np.fft.rfft(velocity, axis=0)
-    spectrum[np.fft.rfftfreq(len(velocity), passed.dt) > carried] = 0.0
-    carried_motion = np.fft.irfft(spectrum, len(velocity), axis=0)
+    periods = int(np.ceil(PERIODS / (carried * passed.dt)))
+    padded = fast_length(len(velocity) + periods)  # a pulse may be shorter than a period
+    spectrum = np.fft.rfft(velocity, padded, axis=0)
+    spectrum[np.fft.rfftfreq(padded, passed.dt) > carried] = 0.0
+    carried_motion = np.fft.irfft(spectrum, padded, axis=0)
     before = np.nan_to_num(whole.velocity)
     energy, peak = np.sum(before**2), np.abs(before).max()
     if not peak > 0.0:

@@ -618,6 +618,8 @@ def energy_finding(energy: SourceEnergy) -> Finding | None:
     )
 
 
+DURATION = 5e-3, 60.0  # s, of runs
+ORDINARY = 100.0  # m, ground of such runs and wider
 # Smallest and largest value that ground and blasts have, in SI: beyond is likely another unit.
 LIKELY = {
     "density": (300.0, 9000.0, "kg/m3", 1.0),
@@ -630,7 +632,7 @@ LIKELY = {
     "charge_exponent": (0.0, 2.0, "", 1.0),
     "radius_m": (0.02, 20.0, "m", 1.0),
     "peak_time_ms": (5e-3, 1e3, "ms", 1.0),
-    "duration_s": (5e-3, 60.0, "s", 1.0),
+    "duration_s": (*DURATION, "s", 1.0),
     "horizontal_ratio": (0.0, 10.0, "", 1.0),
     "stress": (0.0, 5e8, "MPa", 1e-6),
 }
@@ -660,8 +662,9 @@ def unlikely_values(materials, joints, config=None, times=()) -> Finding | None:
     if "insitu" in listed:
         stress = 1e6 * max(map(abs, listed["insitu"]["stress_mpa"]), default=0.0)
         listed["insitu"] = listed["insitu"] | {"stress": stress}
+    likely = LIKELY | {"duration_s": (*_usual_durations(config), "s", 1.0)}
     given = {
-        f"{part} {key}": (values[key], LIKELY[key])
+        f"{part} {key}": (values[key], likely[key])
         for part, values in listed.items()
         for key in LIKELY
         if values.get(key) is not None
@@ -705,6 +708,13 @@ def unlikely_values(materials, joints, config=None, times=()) -> Finding | None:
         True,
         numbers,
     )
+
+
+def _usual_durations(config) -> tuple[float, float]:
+    """Return the usual durations in s of runs: shorter in small bodies, as waves cross them."""
+    size = getattr(getattr(config, "mesh", None), "size_m", None)
+    share = 1.0 if size is None else min(1.0, max(size) / ORDINARY)
+    return share * DURATION[0], share * DURATION[1]
 
 
 def _unlikely_delay(times) -> float | None:

@@ -207,13 +207,15 @@ def carried_band(
 def band_finding(project: Project, band: Band, seconds: float | None = None) -> Finding | None:
     """D40: a run that holds less than the band of its blast; None where it holds it.
 
-    ``seconds`` are those of the run, where they are known.
+    ``seconds`` are those of the run, where they are known. It fails no project that states the
+    band of its comparison, and whose mesh carries that.
     """
     if band.complete:
         return None
     corner = project.inside.low_pass
     if project.input is not None:
         corner = project.config.input.low_pass_hz
+    compared = project.config.run.compare_band_hz
     filtered = "" if corner is None else f" (low-passed at {plain_number(corner)} Hz)"
     return Finding(
         "D40",
@@ -223,7 +225,7 @@ def band_finding(project: Project, band: Band, seconds: float | None = None) -> 
         f"{100 * band.peak_share:.2g} % of the peak of what enters are in the run. '"
         f"{band.limited_by}' decides that.{_price(project, band, seconds)} Peaks are those of "
         f"motion below {plain_number(band.carried)} Hz; frequencies and limits are not compared.",
-        True,
+        compared is None or NEARLY * compared[1] > band.carried,
         {"carried": band.carried, "needed": band.needed, "energy": band.energy_share,
          "peak": band.peak_share},
     )  # fmt: skip

@@ -13,6 +13,7 @@ from ..readers.provenance import FileRead
 if TYPE_CHECKING:
     import obspy
 
+_MINISEED_CLOCK = 1.001e-6  # s, step of the times of its pieces
 _FEW = 5  # samples at an end that go without a word
 _LARGER = 1.1  # a peak outside of the common time over that inside, to count
 _CONSIDERABLE = 0.5  # such a peak over that of all channels
@@ -58,7 +59,7 @@ def stretches_of(
             parts.append(Stretch(trace.id, start, trace.data))
             continue
         first = parts[-1]
-        missing = round((start - first.start) / dt) - len(first.samples)
+        missing = _missing(first, start, dt, trace.stats.get("_format"))
         if missing > 0:
             parts.append(Stretch(trace.id, start, trace.data))
             continue
@@ -70,6 +71,15 @@ def stretches_of(
             )
         parts[-1] = first._replace(samples=np.concatenate([first.samples, trace.data[shared:]]))
     return list(channels.values()), dt
+
+
+def _missing(first, start, dt, file_format):
+    """Return the samples between a stretch and a piece from a start in s; negative: they overlap.
+
+    A start is exact to what its header can say: in miniSEED pieces nearer than that touch.
+    """
+    gap = start - first.start - len(first.samples) * dt
+    return 0 if file_format == "MSEED" and abs(gap) <= _MINISEED_CLOCK else round(gap / dt)
 
 
 class Window(NamedTuple):

@@ -68,7 +68,7 @@ def section_of_surface(points, triangles, north):
 
 def _heights(points, north):
     """Return the distance of nodes from the plane, which is moved a little off grid planes."""
-    return points[:, 1] - north - NUDGE * max(float(np.ptp(points[:, 1])), 1.0)
+    return points[:, 1] - north - NUDGE * float(np.ptp(points[:, 1]))
 
 
 def _crossings(points, height, cells, edges):

@@ -378,10 +378,14 @@ def _section_figures(result):
 
 
 def _section_place(result):
-    """Return the north coordinate of the section: through the first receiver, else the middle."""
+    """Return the north coordinate of the section: through a receiver within, else the middle."""
+    across = result.arrays["mesh"]["points"][:, 1]
+    margin = figures.NUDGE * float(np.ptp(across))
     for table in result.summary["receivers"].values():
-        return float(table["position"][1])
-    return float(result.arrays["mesh"]["points"][:, 1].mean())
+        north = float(table["position"][1])
+        if across.min() + margin < north < across.max() - 2.0 * margin:
+            return north
+    return float(across.mean())
 
 
 def _receiver_figures(result, top):

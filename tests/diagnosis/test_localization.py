@@ -3,6 +3,7 @@
 from functools import cache
 
 import numpy as np
+import pytest
 from small_site import recorded, scene_of, small_site
 
 from pyblast.diagnosis import summary as module
@@ -76,3 +77,12 @@ def test_a_place_without_resolution_is_not_reported(monkeypatch):
     monkeypatch.setattr(module, "RESOLVED", 0.9 * point["resolution_m"] / 120.0)
 
     assert found(sent_from(PLACE))["points"] == []
+
+
+@pytest.mark.parametrize(
+    ("span", "value", "told"), [(10.0, 3.14159265, 3.142), (3e-4, 5.4321e-5, 5.432e-5)]
+)
+def test_windows_are_rounded_to_a_share_of_what_was_recorded(span, value, told):
+    axis = np.array([0.0, value, span])
+
+    assert module._window(axis, np.array([0.0, 1.0, 0.0])) == [told, told]

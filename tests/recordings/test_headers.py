@@ -547,3 +547,13 @@ def test_segy_damaged_is_read_or_refused(seed, tmp_path):
             gather, reason = None, str(error)
 
     assert np.isfinite(gather.data).all() if gather is not None else "\n" not in reason
+
+
+@pytest.mark.filterwarnings("error")
+def test_pieces_of_a_record_at_ten_megahertz_touch_although_headers_say_microseconds(tmp_path):
+    samples, dt = np.random.default_rng(3).normal(size=5000).astype(np.float32), 1e-7
+    path = mseed(tmp_path / "a", trace(samples, "HHN", dt=dt))
+
+    (record,), _, _ = read(path, unit="m_per_s")
+
+    assert record.seismogram.velocity[:, 1] == pytest.approx(samples)
