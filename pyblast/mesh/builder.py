@@ -19,7 +19,7 @@ from .mesh import Mesh
 from .quality import MESHING_BYTES, ZONES_PER_CUBE, refuse_beyond_memory
 
 __all__ = ["Fault", "JointSet", "Layer", "build_mesh", "build_mesh_report", "structured_box"]
-_TOLERANCE_SHARE = 0.15
+TOLERANCE_SHARE = 0.15
 # Mean edge inside a volume over that of gmsh's size; edges on joints have that size (measured).
 _INTERIOR_SHARE = 0.77
 _REFINED_SHARE = 0.68  # the same in a box amid longer edges
@@ -143,7 +143,7 @@ def build_mesh_report(
     _refuse_too_many(box, limits, edges, finer)
     sets = _placed_sets(joint_sets, faults, layers, box)
     margin = _margin(padding, edges)
-    tolerances = _TOLERANCE_SHARE * edges if tolerance is None else np.full(len(edges), tolerance)
+    tolerances = TOLERANCE_SHARE * edges if tolerance is None else np.full(len(edges), tolerance)
     regions, outside = _regions(box, limits, edges * _size_factors(sets, edges), padding)
     for part, short in finer:
         size = _REFINED_SHARE * short

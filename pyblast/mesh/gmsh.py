@@ -18,6 +18,7 @@ from .blocks import Cells, facets
 THIN = 0.35
 SLIVER = 0.1
 _PARALLEL = 1e-9
+_FLAT = 1e-6  # smallest altitude over longest edge of a zone with a volume
 
 
 def thinness(points: np.ndarray, zones: np.ndarray) -> np.ndarray:
@@ -93,15 +94,74 @@ def smoothed(points: np.ndarray, zones: np.ndarray, patches: Sequence[np.ndarray
     return points
 
 
+def split_flat(
+    points: np.ndarray, zones: np.ndarray, triangles: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Split zones without volume that lie in a face of a block, at their edge inside the block.
+
+    Parameters
+    ----------
+    points : (n_nodes, 3) float64, m
+    zones : (n_zones, 4) int64
+    triangles : (n, 3) int64
+        On the faces of all blocks.
+
+    Returns
+    -------
+    points : (n_nodes + n, 3) float64, m
+    zones : (n_zones + n_parts, 4) int64
+    parent : (n_zones + n_parts,) int64
+        Zone of which each is a part, in ascending order.
+
+    Notes
+    -----
+    Two faces of such a zone belong to the face of the block, so no node that stays in that face
+    gives it a volume. A node in the middle of the edge of its other two faces, moved inward,
+    gives one to both its parts; the zones around that edge are split alike.
+    """
+    parent = np.arange(len(zones))
+    flat = zones[thinness(points, zones) <= _FLAT]
+    on_face = set(map(frozenset, triangles.tolist())) if len(flat) else set()
+    for zone in flat:
+        edge = [node for node in zone if frozenset(zone.tolist()) - {node} in on_face]
+        if len(edge) != 2:
+            continue
+        ring = np.isin(zones, edge).sum(axis=1) == 2
+        parts = [np.where(zones[ring] == end, len(points), zones[ring]) for end in edge]
+        points = np.vstack([points, _inward(points, zones[ring], np.concatenate(parts), edge)])
+        zones = np.concatenate([zones[~ring], *parts])
+        parent = np.concatenate([parent[~ring], parent[ring], parent[ring]])
+        order = np.argsort(parent, kind="stable")
+        zones, parent = zones[order], parent[order]
+    turned = tetrahedra.volumes(points, zones) < 0.0
+    zones[turned] = zones[turned][:, [0, 2, 1, 3]]
+    return points, zones, parent
+
+
+def _inward(points, ring, parts, edge):
+    """Return the position in m, between an edge and its ring, that leaves the thickest parts."""
+    middle = points[edge].mean(axis=0)
+    centre = points[np.setdiff1d(ring, edge)].mean(axis=0)
+    solid = np.tile(thinness(points, ring) > _FLAT, 2)
+    trials = middle + np.outer(_INWARD, centre - middle)
+    least = []
+    for trial in trials:
+        moved = np.vstack([points, trial])
+        upright = tetrahedra.volumes(moved, parts[solid]).min() > 0.0
+        least.append(thinness(moved, parts).min() if upright else 0.0)
+    return trials[int(np.argmax(least))]
+
+
 _FRONTAL_QUADS, _QUADRILATERAL = 8, 3  # algorithm and kind of element of gmsh
 _HALVED = 1.5  # size of triangles whose parts have at most a wanted edge
 _DELAUNAY, _HXT = 1, 10  # algorithms of gmsh; HXT is several times as fast
-_THINNEST = 1e-6  # of a zone with a volume; HXT leaves flat ones at times, not all repaired
+_THINNEST = _FLAT  # of a mesh by HXT, which leaves flat zones at times, not all repaired
 _MANY = 50_000  # triangles on the faces of blocks from which on HXT is tried first
 _GROWTH = 0.3
 # Degrees between facets that gmsh takes for overlapping; its default of 0.1 refuses thin wedges.
 _NARROWEST = 0.001
 _REPAIRS = 2
+_INWARD = np.geomspace(0.02, 0.64, 11)  # of the way to the middle of the zones around
 
 
 class MeshingError(InputError):
@@ -317,15 +377,17 @@ def _read(gmsh, n_cells):
 def _collect(gmsh, cells, patches):
     """Return points, zones, their cells and surfaces, with nodes numbered from 0."""
     used, points, zones, counts = _read(gmsh, len(cells.faces))
+    triangles = [
+        np.searchsorted(used, np.concatenate([_elements(gmsh, 2, number, 3) for number in patch]))
+        for patch in patches
+    ]
     surfaces = {}
-    for tag, patch in zip(cells.tags, patches, strict=True):
+    for tag, patch in zip(cells.tags, triangles, strict=True):
         if tag:
-            triangles = [_elements(gmsh, 2, number, 3) for number in patch]
-            surfaces.setdefault(tag, []).extend(triangles)
-    surfaces = {
-        name: np.searchsorted(used, np.concatenate(parts)) for name, parts in surfaces.items()
-    }
-    return points, zones, np.repeat(np.arange(len(counts)), counts), surfaces
+            surfaces.setdefault(tag, []).append(patch)
+    surfaces = {name: np.concatenate(parts) for name, parts in surfaces.items()}
+    points, zones, parent = split_flat(points, zones, np.concatenate(triangles))
+    return points, zones, np.repeat(np.arange(len(counts)), counts)[parent], surfaces
 
 
 def _elements(gmsh, dimension, tag, width):

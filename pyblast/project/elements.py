@@ -9,6 +9,7 @@ import numpy as np
 
 from ..errors import InputError, named_error
 from ..mesh.as_built import OF_WAVE, Row, as_built
+from ..mesh.builder import TOLERANCE_SHARE
 from ..mesh.grid import SIDES
 from ..mesh.hexahedral import mapped, subdivided, swept
 from ..mesh.hexahedral.mapped import Builder, Fine, NotMapped
@@ -222,9 +223,12 @@ def _tetrahedra(project, asked, wave, reason):
     parts = _with_edges(config, materials)
     asked = replace(asked, faults=(*asked.faults, *make_fractures(parts, folder, project.log)))
     sharp = SHARP * wave / TETRAHEDRA[parts.quadratic]
+    edges = [layer.edge_m or parts.edge_m or 0.0 for layer in (parts, *parts.layers)]
+    bends = TOLERANCE_SHARE * max(edges) > OF_WAVE * wave
     given = parts.tolerance_m is not None or parts.grid_cells is not None
     wrong = ""
-    for tolerance in (parts.tolerance_m,) if given else (None, sharp):
+    usual = RELIEF * wave if bends else None
+    for tolerance in (parts.tolerance_m,) if given else (usual, sharp):
         cut = parts.model_copy(update={"tolerance_m": tolerance})
         mesh = make_mesh(cut, materials, folder, project.surface, relief=RELIEF * wave)
         rows = as_built(mesh, asked, wave)

@@ -6,7 +6,7 @@ import pytest
 from pyblast import core
 from pyblast.mesh import gmsh, tetrahedra
 from pyblast.mesh.builder import Layer, build_mesh, structured_box
-from pyblast.mesh.gmsh import smoothed, tangent_projectors, thinness
+from pyblast.mesh.gmsh import smoothed, split_flat, tangent_projectors, thinness
 
 SIDES = ("west", "east", "south", "north", "bottom", "top")
 
@@ -88,3 +88,29 @@ def test_a_flat_mesh_of_hxt_is_made_again_by_delaunay(monkeypatch):
 
     assert not np.array_equal(zones(True, 0.0), delaunay)
     np.testing.assert_array_equal(zones(True, 1.0), delaunay)
+
+
+def test_a_flat_zone_in_a_face_is_split_without_change_of_the_face():
+    points = np.array([[0, 0, 0], [1, 1, 0], [1, 0, 0], [0, 1, 0], [0.5, 0.5, 1.0]])
+    zones = np.array([[4, 0, 3, 2], [0, 1, 2, 3], [4, 1, 2, 3]])
+    base = np.array([[0, 1, 2], [0, 1, 3]])
+    assert thinness(points, zones)[1] == 0.0
+
+    new_points, parts, parent = split_flat(points, zones, base)
+
+    assert tetrahedra.volumes(new_points, parts).sum() == pytest.approx(1.0 / 3.0)
+    assert tetrahedra.volumes(new_points, parts).min() > 0.0
+    assert thinness(new_points, parts).min() > 0.1
+    assert (new_points[:5] == points).all()
+    assert parent.tolist() == [0, 0, 1, 1, 2, 2]
+    for triangle in base:
+        assert (np.isin(parts, triangle).sum(axis=1) == 3).sum() == 1
+
+
+def test_zones_with_a_volume_are_not_split():
+    points, zones, patches = crooked()
+
+    same = split_flat(points, zones, np.concatenate(patches))
+
+    assert (same[0] == points).all()
+    assert (same[1] == zones).all()
