@@ -298,6 +298,7 @@ class CandidateConfig(Section):
     materials: dict[Name, dict[str, Any]] = Field({})
     joints: dict[Name, dict[str, Any]] = Field({})
     ground: dict[str, Any] = Field({})
+    boundaries: dict[str, Any] = Field({})
 
     @property
     def tables(self) -> dict[str, dict]:
@@ -308,10 +309,9 @@ class CandidateConfig(Section):
     def _something(self):
         """Ask for a change."""
         if not self.tables:
-            raise ValueError("changes nothing; give mesh, materials, joints or ground")
-        fixed = {"size_m", "origin_m", "file"} & set(self.mesh)
-        if fixed:
-            raise ValueError(f"mesh.{min(fixed)}: the box of the project stays; leave it out")
+            raise ValueError("changes nothing; give mesh, materials, joints, ground or boundaries")
+        if "file" in self.mesh:
+            raise ValueError("mesh.file: the ground is described by layers; leave it out")
         return self
 
 
