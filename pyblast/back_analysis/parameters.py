@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..config.config import BackAnalysisConfig
+from ..config.config import BackAnalysisConfig, required_table
 from ..config.section import check_path, value_at
 from ..errors import Finding, InputError, named_error
 from ..inference.parameter import Parameter
@@ -33,10 +33,8 @@ def table_of(project: Project) -> tuple[BackAnalysisConfig, str]:
     InputError
         If it is missing.
     """
-    table, where = project.config.back_analysis, f"{project.path.name}: back_analysis"
-    if table is None:
-        raise InputError(f"{where}: missing; add the table with its parameters")
-    return table, where
+    table = required_table(project.config, "back_analysis", project.path)
+    return table, f"{project.path.name}: back_analysis"
 
 
 def all_blasts(project: Project) -> tuple[Project, ...]:

@@ -1,7 +1,8 @@
 """Covariance of residuals: noise and model error, with inferred levels, and its whitening."""
 
 import math
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
 from functools import cached_property
 
 import numpy as np
@@ -264,15 +265,29 @@ class RecordBlocks:
         scatter, path, coda : float
             Levels, in shares of the energy of each channel.
         """
+        roots = np.linalg.cholesky(self._total(scatter, path, coda))
+        logarithm = 2.0 * np.sum(np.log(np.diagonal(roots, axis1=-2, axis2=-1)))
+        return _each(np.linalg.inv(roots), rows), float(logarithm)
+
+    def of(self, blasts: Sequence[int]) -> "RecordBlocks":
+        """Return the covariance of the records of some blasts."""
+        parts = (getattr(self, each.name)[list(blasts)] for each in fields(self))
+        return RecordBlocks(*parts)
+
+    def draws(self, rng: np.random.Generator, n: int, scatter: float) -> np.ndarray:
+        """Draw errors of noise and scattering (n, n_blasts, n_receivers, 3 n_functions), m/s."""
+        roots = np.linalg.cholesky(self._total(scatter, 0.0, 0.0))
+        return _each(roots, rng.standard_normal((n, *roots.shape[:3])))
+
+    def _total(self, scatter, path, coda):
+        """Return the covariance of each record, of the shape of the noise."""
         n = self.scatter.shape[-1]
         errors = scatter * self.scatter + path * self.path + coda * self.coda
         total = self.noise.copy()
         for c in range(3):
             each = slice(c * n, (c + 1) * n)
             total[..., each, each] += errors[:, :, c]
-        roots = np.linalg.cholesky(total)
-        logarithm = 2.0 * np.sum(np.log(np.diagonal(roots, axis1=-2, axis2=-1)))
-        return _each(np.linalg.inv(roots), rows), float(logarithm)
+        return total
 
     def above_noise(self, remaining) -> np.ndarray:
         """Return the share of the energy of each record that remains above its noise."""

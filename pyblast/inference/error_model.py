@@ -10,6 +10,7 @@ from ..errors import InputError
 from .records import Band
 
 N_MODES = 3
+N_TRANSFER = 6
 
 
 @dataclass(frozen=True, eq=False)
@@ -324,3 +325,30 @@ def random_slopes(slopes, deviations, band: Band) -> Nuisances:
         columns += [deviation * _only(held, np.s_[:, r]) for r in range(held.shape[1])]
         columns += [*(deviation * shaped(slope, band, (1, 2, 3)))]
     return _moving({"ground": columns}, projected.shape[1:])
+
+
+def transfer_columns(motion, band: Band, n_modes: int = N_TRANSFER) -> Nuisances:
+    """Build the columns of a smooth transfer error of each channel, the same in all blasts.
+
+    Parameters
+    ----------
+    motion : (n_blasts, n_receivers, 3, n_samples) float, m/s
+    band : Band
+    n_modes : int
+        Cosines over log frequency, each in and out of phase.
+
+    Returns
+    -------
+    Nuisances
+        Of group ``transfer``; together they have the energy of each channel.
+    """
+    energy = np.sum(band.project(motion) ** 2, axis=(0, 3))
+    parts = shaped(motion, band, range(n_modes), (1.0, 1j))
+    size = np.sum(parts**2, axis=(1, 4))
+    scale = np.sqrt(energy / np.maximum(size, np.finfo(float).tiny) / len(parts))
+    columns = [
+        _only(part * factor[..., None], np.s_[:, r, c])
+        for part, factor in zip(parts, scale, strict=True)
+        for r, c in np.ndindex(energy.shape)
+    ]
+    return _moving({"transfer": columns}, parts.shape[1:])

@@ -80,8 +80,9 @@ def check(project, measure=True, progress=None) -> Check:
     tell = progress or (lambda *_: None)
     tell("input", 0, 1)
     notes = () if project.blast is None else tuple(project.blast.checks())
+    recorded = project.recorded  # a file that can't be read is refused before the mesh
     tell("mesh", 0, 1)
-    if project.comparable:  # refuses records that can't be set beside the motion
+    if recorded and project.comparable:  # refuses records that can't be set beside the motion
         low = project.low_pass
         passed = f", low-passed at {low:.3g} Hz like the sources" if low else ""
         notes += (f"Records to compare with: {', '.join(project.comparable)}{passed}.",)
