@@ -18,6 +18,7 @@ from ..units import plain_number
 from . import checks_ground
 from .checks_ground import ModelSummary, boundary_defects, summarise_model
 from .elastic_ground import elastic_finding
+from .elements import elements_of
 from .ground import joint_of_surface, set_stiffness
 from .inputs import central_frequency, input_band, shape
 from .level import (
@@ -192,8 +193,9 @@ def _load_defects(project):
         )
     if project.input is not None:
         yield from _face_defects(project, band)
-    if project.inside.moment_rate is not None:
-        yield no_absorbing_layer(project.absorbing_layer or project.mesh.layer)
+    config = project.config
+    if project.inside.moment_rate is not None or config.point_forces or config.moment_tensors:
+        yield no_absorbing_layer(project)
     air, pulse = project.config.air_blast, project.inside.air_pulse
     if air is not None:
         mesh = project.mesh
@@ -435,15 +437,18 @@ def yielding_rock(peak, firing, name, material):
     )
 
 
-def no_absorbing_layer(layer):
-    """D22: holes inside a model without an absorbing layer; None where there is one."""
-    if layer is not None:
+def no_absorbing_layer(project):
+    """D22: sources inside between viscous sides alone; None with a layer, or without such sides."""
+    viscous = project.config.boundaries.viscous
+    if not viscous or project.absorbing_layer is not None or project.mesh.layer is not None:
         return None
     return Finding(
         "D22",
-        "Only dashpots absorb the waves of holes inside",
-        "They absorb well only what comes above about 30 degrees of incidence, and waves from a "
-        "hole graze the sides; give mesh.padding_m, or [absorbing_layer] with a box and a width.",
+        "Only dashpots absorb the waves of sources inside",
+        f"{', '.join(viscous)}: dashpots absorb well only what comes above about 30 degrees of "
+        "incidence, and waves from a source inside graze the sides. The zones are "
+        f"{elements_of(project)}. Hexahedra (mesh.kind) have an absorbing layer of their own; for "
+        "tetrahedra give mesh.padding_m, or [absorbing_layer] with a box and a width.",
     )
 
 

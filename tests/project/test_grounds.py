@@ -1,12 +1,19 @@
 """Grounds of every kind through project files: built as asked for, and by which elements."""
 
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
 import pytest
+from scipy.interpolate import LinearNDInterpolator
 
 from pyblast import simulate
 from pyblast.config.config import check_config
+from pyblast.mesh.gmsh import MeshingError
+from pyblast.mesh.hexahedral import swept
+from pyblast.mesh.mesh import locate
+from pyblast.project import elements
+from pyblast.project.places import on_ground
 from pyblast.project.project import make_project
 
 SIDES = ["west", "east", "south", "north", "bottom", "top"]
@@ -131,6 +138,45 @@ def test_the_ground_is_built_as_the_file_asks(ground, name):
     assert [str(row) for row in built.rows if not row.good] == []
     assert built.mesh.hexahedral
     assert ("of tetrahedra cut" in built.reason) == (name in CUT)
+
+
+def test_every_place_of_a_hill_has_its_height_on_cut_tetrahedra(ground):
+    size, heights = (160, 120), hill((160, 120), 9.0)
+    project = ground(size=(*size, 60), faults=OBLIQUE, survey=heights, **BELOW)
+    mesh = project.mesh
+    survey = np.array([[float(v) for v in line.split(",")] for line in heights.split()[1:]])
+    surface = LinearNDInterpolator(survey[:, :2], survey[:, 2])
+    plan = np.random.default_rng(1).uniform((0.0, 0.0), size, (400, 2))
+
+    assert "of tetrahedra cut" in project.ground.reason
+    built = np.array([on_ground(mesh, at)[2] for at in plan])
+    off = built - surface(plan)
+    assert np.sqrt(np.mean(off**2)) < 0.02 * 1700 / 30
+    locate(mesh, np.column_stack([plan, built]), 1e-6)
+
+
+def test_a_candidate_that_fails_makes_room_for_the_next(ground, monkeypatch):
+    """Zones that lack under a receiver, an error of the mesher: no reason to refuse a ground."""
+    parts = dict(faults=[fault("F", 60, 90, (90, 45, 60))], receiver=(20, 45))
+    assert "swept" in ground(**parts).ground.reason
+
+    def pierced(*arguments):
+        mesh = swept.build(*arguments)
+        outer = np.concatenate([faces.ravel() for faces in mesh.surfaces.values()])
+        away = np.linalg.norm(mesh.points[mesh.zones].mean(axis=1) - [21, 43, 8], axis=1)
+        keep = (away > 30.0) | np.isin(mesh.zones, outer).any(axis=1)
+        return replace(mesh, zones=mesh.zones[keep], zone_group=mesh.zone_group[keep])
+
+    def failing(*_):
+        raise MeshingError("gmsh could not mesh the section")
+
+    monkeypatch.setitem(elements.BUILDERS, "between the planes", failing)
+    monkeypatch.setitem(elements.BUILDERS, "swept along one direction", pierced)
+    built = ground(**parts | {"receiver": (21, 43, 8)}).ground
+
+    assert "of tetrahedra cut" in built.reason
+    assert "gmsh could not mesh the section" in built.reason
+    assert "receivers.A, outside of the ground, m" in built.reason
 
 
 def turned(position, quarter):
