@@ -82,8 +82,8 @@ def proof(folder: Path) -> tuple[dict[str, str], dict[str, bytes]]:
     (effect,) = json.loads((out / "diagnosis.json").read_text("utf-8"))["effects"]
     closed = effect["parameters"]["closed"]
     words = (
-        f"pyblast names `{effect['label']}` at {effect['target']}: the fault stiffens as it closes, at "
-        f"{closed['value']:.2g} of its largest closure (90 % interval {closed['low']:.2g} to "
+        f"pyblast names `{effect['label']}` at {effect['target']}: the fault stiffens as it "
+        f"closes, at {closed['value']:.2g} of its largest closure (90 % interval {closed['low']:.2g} to "
         f"{closed['high']:.2g}; the concealed value is 0.69). Of a further blast, which no fit "
         f"used, the calibrated site misses {before} % of the energy (median of the receivers), the "
         f"diagnosed one {after} %; it is better at {better} of {count} receivers."

@@ -21,7 +21,13 @@ from ..config.section import read_time_function
 from ..errors import InputError, named_error
 from ..model.boundary import StressInput, VelocityInput, WaveFronts
 from ..model.source import PlaneWave, TimeFunction, polarisation
-from ..recordings.recording import Recording, first_recording, read_recording
+from ..recordings.recording import (
+    Recording,
+    first_recording,
+    in_motion,
+    read_recording,
+    remove_response,
+)
 from ..signals.seismogram import GEOGRAPHIC, Seismogram, fast_length
 from ..signals.spectra import LowPassed, dominant_frequency, highest_frequency, lowpass
 from ..units import to_si
@@ -115,7 +121,7 @@ def read_record(config, folder, log=None) -> Recording:
             None if config.full_scale_mm_per_s is None else 1e-3 * config.full_scale_mm_per_s
         ),
         mapping=None if config.mapping is None else folder / config.mapping,
-        unit=config.unit,
+        unit="counts" if config.is_counts else config.unit,
         sheet=config.sheet,
         log=log,
     )
@@ -124,6 +130,10 @@ def read_record(config, folder, log=None) -> Recording:
     record = records[config.record - 1]
     if "record" not in config.model_fields_set:
         record = first_recording(config.file, records)
+    if config.sensitivity is not None:
+        record = in_motion(record, config.sensitivity)
+    if config.response_file is not None:
+        record = remove_response(record, folder / config.response_file)
     stated = {"start": config.start_s, "low_passed": config.low_passed_hz}
     stated = {name: value for name, value in stated.items() if value is not None}
     return replace(record, seismogram=replace(record.seismogram, **stated))
@@ -288,6 +298,8 @@ def shifts_of(config, blast, receiver, reference):
 def like_simulated(config, record) -> Recording:
     """Turn a record into the components of its receiver, a `ReceiverConfig`."""
     seismogram, clipped = record.seismogram, record.clipped
+    if config.normal is not None:
+        return _along_normal(record, config.normal)
     geographic = tuple(seismogram.components) == GEOGRAPHIC
     if config.azimuth_deg is None and not geographic:
         raise InputError(
@@ -300,6 +312,23 @@ def like_simulated(config, record) -> Recording:
         marks = np.hstack([either, either, clipped[:, 2:]])
         return replace(record, seismogram=turned, clipped=marks)
     return record
+
+
+def _along_normal(record, normal):
+    """Turn a record of one component, whatever its name, into motion along a direction."""
+    seismogram, unit = record.seismogram, np.asarray(normal) / np.linalg.norm(normal)
+    recorded = np.flatnonzero(np.isfinite(seismogram.velocity).any(axis=0))
+    if len(recorded) != 1:
+        names = ", ".join(seismogram.components[k] for k in recorded)
+        raise InputError(
+            f"normal: needs a record of one component, this one has {names or 'none'}; give the "
+            "record of that sensor alone, or leave normal out"
+        )
+    across, column = unit == 0.0, seismogram.velocity[:, recorded]
+    velocity = np.where(across, np.nan, column * unit)
+    clipped = record.clipped[:, recorded] & ~across
+    turned = replace(seismogram, velocity=velocity, components=GEOGRAPHIC)
+    return replace(record, seismogram=turned, clipped=clipped, offset=(0.0, 0.0, 0.0))
 
 
 SAMPLES_PER_DURATION = 100
@@ -617,7 +646,8 @@ def named_files(config) -> list[str]:
     several = config.point_forces, config.moment_tensors, config.pressures
     names += [part.file for parts in several for part in parts]
     records = [part.recorded for part in (config.signature, *config.receivers) if part]
-    names += [name for r in records if r is not None for name in (r.file, r.mapping)]
+    names += [name for r in records if r is not None
+              for name in (r.file, r.mapping, r.response_file)]  # fmt: skip
     for candidate in config.diagnosis.candidates if config.diagnosis else ():
         names.append(candidate.mesh.get("surface_file"))
     return [name for name in names if name is not None]

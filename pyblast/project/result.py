@@ -445,6 +445,7 @@ def receiver_tables(project, simulated, band):
         tables[name] = {
             "position": list(receiver.position),
             "azimuth": receiver.azimuth,
+            "normal": receiver.normal,
             "carried_hz": carried[name],
             "simulated": simulated_table(simulated[name], band, carried[name]),
             "recorded": motion_table(project.recorded[name]) if name in project.recorded else None,
