@@ -309,7 +309,17 @@ class ReceiverConfig(Section):
     name: Annotated[str, Field(pattern=r"^[^/\x00]{1,60}$")]
     position_m: Place
     azimuth_deg: Bearing | None = None
+    normal: Point | None = None
     recorded: RecordingConfig | None = None
+
+    @model_validator(mode="after")
+    def _one_direction(self):
+        """Refuse a direction of length zero, and one beside an azimuth."""
+        if self.normal is not None and not any(self.normal):
+            raise ValueError("normal: must not be zero in all components")
+        if self.normal is not None and self.azimuth_deg is not None:
+            raise ValueError("normal and azimuth_deg exclude one another; keep one")
+        return self
 
 
 class RunConfig(Section):

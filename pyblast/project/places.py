@@ -34,7 +34,8 @@ def place_receivers(parts, mesh) -> tuple[Receiver, ...]:
         with named_error(f"receivers.{part.name}"):
             position = on_ground(mesh, part.position_m)
         azimuth = None if part.azimuth_deg is None else float(np.radians(part.azimuth_deg))
-        receivers.append(Receiver(part.name, position, azimuth))
+        normal = None if part.normal is None else tuple(part.normal)
+        receivers.append(Receiver(part.name, position, azimuth, normal))
     refuse_outside(
         mesh, {f"receivers.{receiver.name}": receiver.position for receiver in receivers}
     )
