@@ -201,13 +201,13 @@ def _counted(product_of, progress, most):
         return product_of
     done = 0
 
-    def told(product, *motion, **rate):
+    def reported(product, *motion, **rate):
         nonlocal done
         done = min(done + 1, most)
         progress("step", done, most)
         return product(*motion, **rate)
 
-    return lambda *zones: partial(told, product_of(*zones))
+    return lambda *zones: partial(reported, product_of(*zones))
 
 
 def zone_product(model: Model, mass: np.ndarray, active: np.ndarray | None = None) -> Product:
