@@ -8,6 +8,7 @@ a seed draws. The acts that are named are set beside those that would mend the r
 """
 
 import os
+import re
 import sys
 import tempfile
 import time
@@ -61,8 +62,8 @@ AT_A_RECEIVER = {
     "vertical reversed": ("components", "reverse", lambda v, _: v * [1, 1, -1]),
     "east reversed": ("components", "reverse east", lambda v, _: v * [-1, 1, 1]),
     "all reversed": ("components", "reverse", lambda v, _: -v),
-    "turned by 35": ("turned", 35.0, partial(turned, 35.0)),
-    "turned by -60": ("turned", -60.0, partial(turned, -60.0)),
+    "turned by 35": ("turned", (35.0, "°", 8.0), partial(turned, 35.0)),
+    "turned by -60": ("turned", (-60.0, "°", 8.0), partial(turned, -60.0)),
     "in mm/s": ("unit", "divide", lambda v, _: 1e3 * v),
     "in inches": ("unit", "multiply", lambda v, _: v / 25.4),
     "ten times": ("unit", "divide", lambda v, _: 10.0 * v),
@@ -96,7 +97,7 @@ def spoiled(project, kind, rng):
     if kind == "time zero 30 ms late":
         late = changed_records(project, lambda one: replace(
             one, seismogram=one.seismogram.shifted(0.03)), blast=blast)  # fmt: skip
-        return late, ("time zero", blast, "30 ms late")
+        return late, ("time zero", blast, (30.0, " ms late", 3.0))
     blasts = project.blasts
     if kind == "delays in the opposite order":
         own = blasts[most.name]
@@ -148,10 +149,12 @@ def is_right(found, asked):
     kind, target, act = asked
     targets = set(found["target"].split(" and "))
     same = targets == (target if isinstance(target, set) else {target})
-    if isinstance(act, float):  # degrees
-        said = float(found["act"].split(" by ")[1].split("°")[0])
-        return found["kind"] == kind and same and abs(said - act) < 8.0
-    return found["kind"] == kind and same and act in found["act"]
+    if isinstance(act, str):
+        return found["kind"] == kind and same and act in found["act"]
+    size, unit, tolerance = act
+    said = re.search(rf"(-?[0-9.]+){unit}", found["act"])
+    near = said is not None and abs(float(said[1]) - size) < tolerance
+    return found["kind"] == kind and same and near
 
 
 def main(arguments):

@@ -14,6 +14,7 @@ import numpy as np
 from scipy import fft
 
 from ..blasts.blast import Blast
+from ..errors import InputError
 from ..inference.records import COMPONENTS
 from ..project.project import Project
 from ..recordings.recording import Recording
@@ -142,9 +143,10 @@ def plainest(forward: Forward, project: Project) -> Mistake | None:
         return copy
     offered = [m for search in (_of_receivers, _of_pairs, _of_blasts) for m in search(compared)]
     mistake = _best(offered)
-    if mistake is None:
-        mistake = _best(list(_of_plans(forward, compared)))
-    return mistake
+    if mistake is not None and mistake.kind != "time zero":
+        return mistake
+    rivals = [] if mistake is None else [mistake]  # holes off their place are late as well
+    return _best([*rivals, *_of_plans(forward, compared)])
 
 
 def _best(offered):
@@ -465,7 +467,10 @@ def _of_pairs(compared) -> Iterator[Mistake]:
 
 
 def _of_blasts(compared) -> Iterator[Mistake]:
-    """Yield blasts whose time zero is wrong: all records are late by one time, others are not."""
+    """Yield blasts whose time zero is wrong: all records are late by one time, others are not.
+
+    What the others are late by is of the speeds of the reference, and is taken off.
+    """
     case = compared.case
     reach = min(int(LATE / case.dt), case.n_samples // 4)
     recorded, simulated = compared.recorded, compared.simulated
@@ -475,12 +480,13 @@ def _of_blasts(compared) -> Iterator[Mistake]:
     shifts = np.argmax(curves.mean(axis=1), axis=-1) - reach
     for b, name in enumerate(case.blasts):
         present = compared.recorders(b)
-        others = np.abs(np.delete(shifts, b))
-        if len(present) < 3 or abs(shifts[b]) < 2 or np.any(2 * others > abs(shifts[b])):
+        others = np.delete(shifts, b)
+        shift = shifts[b] - (int(np.median(others)) if len(others) else 0)
+        if len(present) < 3 or abs(shift) < 2 or np.any(2 * np.abs(others) > abs(shift)):
             continue
-        before, after = compared.strict[b, present], curves[b, present, reach + shifts[b]]
+        before, after = compared.strict[b, present], curves[b, present, reach + shift]
         if _mends(before, after):
-            seconds = shifts[b] * case.dt
+            seconds = shift * case.dt
             act = f"correct time zero of {name}: its records are {1e3 * abs(seconds):.0f} ms "
             yield _mistake(
                 "time zero",
@@ -550,10 +556,22 @@ def _of_delays(forward, compared, b, name):
 
 
 def _of_place(forward, compared, b, name):
-    """Yield the place of all holes of a blast, by Gauss-Newton steps along east and north."""
+    """Yield the place of all holes of a blast, off along east and north."""
     own = forward.case.project.blasts[name]
-    present = compared.recorders(b)
-    offset = np.zeros(2)
+    try:
+        offset = _offset(forward, compared, b, own)
+    except InputError:  # a step would leave the ground: no place in it mends the records
+        return
+    act = (
+        f"correct the coordinates of {name}: its records are those of holes "
+        f"{np.hypot(*offset):.1f} m off ({offset[0]:+.1f} m east, {offset[1]:+.1f} m north)"
+    )
+    yield from _judged(forward, compared, b, _moved(own, offset), "place", act)
+
+
+def _offset(forward, compared, b, own):
+    """Return by how much the holes of a blast are off, (2,) in m, by Gauss-Newton steps."""
+    name, present, offset = compared.case.blasts[b], compared.recorders(b), np.zeros(2)
     for _ in range(MOST_STEPS):
         at = _motion(forward, name, _moved(own, offset))
         slopes = [
@@ -567,12 +585,7 @@ def _of_place(forward, compared, b, name):
         offset = offset + np.clip(step, -3.0 * STEP, 3.0 * STEP)
         if np.hypot(*step) < 0.3 * STEP:
             break
-    east, north = offset
-    act = (
-        f"correct the coordinates of {name}: its records are those of holes "
-        f"{np.hypot(*offset):.1f} m off ({east:+.1f} m east, {north:+.1f} m north)"
-    )
-    yield from _judged(forward, compared, b, _moved(own, offset), "place", act)
+    return offset
 
 
 def _judged(forward, compared, b, fired, kind, act):
