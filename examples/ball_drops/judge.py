@@ -6,17 +6,18 @@ import numpy as np
 from survey import BEFORE, DT, FORCE, STEP, Survey
 
 from pyblast.diagnosis.known_shots import (
+    EARLY,
     HeldOut,
     Lead,
     ShotRecords,
     aligned,
+    correlations,
     gains,
     held_out,
     in_band,
     lead,
     loss,
     matched,
-    scores,
 )
 
 BAND = 50e3, 100e3  # Hz
@@ -87,36 +88,16 @@ def odd_sensors(records: ShotRecords, match) -> dict[str, dict]:
     """Return sensors whose first arrivals do not fit those of the others, with what is odd."""
     everything = np.ones(len(records.shots), dtype=bool)
     known, _ = gains(records, match, everything)
-    sensors = np.array(records.sensors)
+    if not known:
+        return {}
     values = np.array(list(known.values()))
     usual = np.median(values)
     spread = max(1.4826 * np.median(np.abs(values - usual)), LEAST_SPREAD)
     odd = {}
     for name in known:
-        own = sensors == name
-        if np.median(match.agreement[own]) < -FLIPPED:
-            odd[name] = {"what": "polarity", "agreement": float(np.median(match.agreement[own]))}
-        elif abs(known[name] - usual) > ODD_GAIN * spread:
+        if abs(known[name] - usual) > ODD_GAIN * spread:
             odd[name] = {"what": "gain", "factor": float(np.exp(known[name] - usual))}
     return odd
-
-
-def with_sign(records: ShotRecords, motion) -> tuple:
-    """Match records whose sign may be wrong: a sensor that agrees better reversed is reversed."""
-    plain = matched(records, motion)
-    turned = matched(replace(records, samples=-records.samples), motion)
-    sensors, signs = np.array(records.sensors), {}
-    clock = np.array([plain.clocks[name] for name in records.shots])
-    other = np.array([turned.clocks[name] for name in records.shots])
-    del clock, other
-    for name in dict.fromkeys(records.sensors):
-        own = sensors == name
-        near = signed_agreement(records, motion, plain, own)
-        signs[name] = -1.0 if near < -FLIPPED else 1.0
-    factors = np.array([signs[name] for name in records.sensors])
-    return replace(records, samples=factors[:, None] * records.samples), [
-        name for name, sign in signs.items() if sign < 0.0
-    ]
 
 
 def signed_agreement(records: ShotRecords, motion, match, own) -> float:
@@ -125,7 +106,7 @@ def signed_agreement(records: ShotRecords, motion, match, own) -> float:
     The clocks come from the other sensors, whose median decides.
     """
     moved = aligned(records, motion, match.clocks, match.moves)
-    early = records.window((-5e-6, 15e-6))
+    early = records.window(EARLY)
     data = records.samples * early
     cross = np.sum(data * moved, axis=1)
     size = np.sqrt(np.sum(data**2, axis=1) * np.sum((moved * early) ** 2, axis=1))
@@ -173,8 +154,6 @@ def moved_sensors(records: ShotRecords, match) -> dict[str, dict]:
 
 def swapped_sensors(records: ShotRecords, motion) -> dict[str, dict]:
     """Return two sensors whose records fit one another's motion, in the drops that have both."""
-    from pyblast.diagnosis.known_shots import correlations
-
     best = correlations(records, motion[0])[1].max(axis=1)
     index = {pair: k for k, pair in enumerate(zip(records.shots, records.sensors, strict=True))}
     names = list(dict.fromkeys(records.sensors))
@@ -191,7 +170,7 @@ def swapped_sensors(records: ShotRecords, motion) -> dict[str, dict]:
             after = correlations(exchanged, motion[0][order.ravel()])[1].max(axis=1)
             before = best[order.ravel()]
             gain = float(np.sum(after - before))
-            if after.min() > 0.75 and np.median(before) < 0.75 and gain > max(top, 0.4):
+            if after.min() > 0.75 and np.median(before) < 0.75 and gain > max(top, 1.0):
                 top = gain
                 answer = {first: {"what": "swap", "with": second, "gain": gain},
                           second: {"what": "swap", "with": first, "gain": gain}}  # fmt: skip
@@ -203,11 +182,12 @@ def screened(records: ShotRecords, bank: Bank) -> tuple[dict[str, dict], np.ndar
 
     First exchanged sensors, then signs, then places and clocks, then gains.
     """
-    best = max(COARSE, key=lambda f: float(np.sum(
+    best = max(COARSE, key=lambda f: float(np.median(
         matched(records, bank.motion("reference", 1.0, f)).agreement)))  # fmt: skip
     motion, odd = bank.motion("reference", 1.0, best), {}
+    whole = records.window(EARLY).any(axis=1)  # an end may be nearer than a first arrival lasts
     for _ in range(3):
-        used = ~np.isin(records.sensors, list(odd))
+        used = whole & ~np.isin(records.sensors, list(odd))
         part, its = records.taken(used), motion[:, used]
         odd_now = swapped_sensors(part, its)
         if not odd_now:
@@ -224,7 +204,13 @@ def screened(records: ShotRecords, bank: Bank) -> tuple[dict[str, dict], np.ndar
         if not odd_now:
             break
         odd |= odd_now
-    return odd, ~np.isin(records.sensors, list(odd))
+    return odd, whole & ~np.isin(records.sensors, list(odd))
+
+
+def compared_records(answer: dict, records: ShotRecords) -> np.ndarray:
+    """Return which records (n,) an answer compares: first arrivals whole, of no odd sensor."""
+    odd = np.isin(records.sensors, list(answer["odd_sensors"]))
+    return records.window(EARLY).any(axis=1) & ~odd
 
 
 # --- ground --------------------------------------------------------------------------------------
@@ -251,8 +237,11 @@ def judged(records, used, bank, name, states) -> Judged:
     return Judged(name, list(states), held_out(part, matches))
 
 
-def judge(records: ShotRecords, bank: Bank, names=None) -> dict:
-    """Judge records: odd sensors, the class that leads, whether it may be named, and a loss."""
+def judge(records: ShotRecords, bank: Bank, prepare=None, ratios=RATIOS) -> dict:
+    """Judge records: odd sensors, the class that leads, whether it may be named, and a loss.
+
+    ``prepare`` may run states (member, ratio) at once before they are asked for.
+    """
     odd, used = screened(records, bank)
     part = records.taken(used)
     classes = {}
@@ -274,14 +263,19 @@ def judge(records: ShotRecords, bank: Bank, names=None) -> dict:
     coarse.sort(key=lambda each: -each.total)
     finals = [each.name for each in coarse[:FINALISTS]]
     finals += [] if "reference" in finals else ["reference"]
+    near = {
+        each.name: neighbours(classes[each.name], [each.states[k][0] for k in each.result.chosen])
+        for each in coarse if each.name in finals
+    }  # fmt: skip
+    if prepare is not None:
+        prepare([(member, r) for group in near.values() for member in group for r in ratios])
     ranked = []
     for each in coarse:
         if each.name not in finals:
             ranked.append(each)
             continue
-        best = each.states[each.result.chosen[0]][0], each.states[each.result.chosen[1]][0]
-        near = neighbours(classes[each.name], best)
-        states = [(member, r, f) for member in near for r in RATIOS for f in FINE]
+        states = [(member, r, f) for member in near[each.name]
+                  for r in ratios for f in FINE]  # fmt: skip
         label = "speeds" if each.name == "reference" else each.name
         ranked.append(judged(records, used, bank, label, states))
     ranked.append(fixed)
@@ -298,9 +292,7 @@ def neighbours(group, best):
 def decided(part, bank, used, ranked, fixed, answer) -> dict:
     """Add to an answer which class leads, by how much, and what cannot be told apart from it."""
     first = ranked[0]
-    over = {
-        each.name: lead(part, first.result.scores, each.result.scores) for each in ranked[1:]
-    }
+    over = {each.name: lead(part, first.result.scores, each.result.scores) for each in ranked[1:]}
     answer["classes"] = [
         {"name": each.name, "log_likelihood": round(each.total - fixed.total, 1),
          **({} if each is first else lead_table(over[each.name])),
@@ -353,6 +345,3 @@ def named_sensors(answer: dict) -> dict:
         answer["named"] = [*marks, *answer["named"]]
         answer["outcome"] = "NAMED"
     return answer
-
-
-__all__ = ["BAND", "WITNESS", "Bank", "compared", "judge", "scores"]

@@ -19,10 +19,10 @@ from survey import HERE, members, motions, read_survey, reference_project, with_
 
 from pyblast.diagnosis.library.sides import with_joint
 
-SEED = 5901
+SEED = 5902
 TRUE_ACCURACY = 0.01  # of the meshes of truths; those of the members have 0.02
 SPREAD = 0.015  # of the speeds of a truth that is about something else
-GAIN, FACTOR, CLOCK, SMOOTH, SCATTER, NOISE = 0.15, 0.15, 1.5e-6, 0.15, 0.12, 0.002
+GAIN, FACTOR, CLOCK, SMOOTH, SCATTER, NOISE = 0.15, 0.15, 1.5e-6, 0.15, 0.12, 0.0002
 SIDES = {
     "under rock: roller": 2, "under rock: fixed": 1, "under rock: free": 2,
     "under rock: joint 0.25": 1, "under rock: joint 1.7": 2, "bottom: viscous": 1,
@@ -166,7 +166,7 @@ def tried(row: dict, survey, bank, folder) -> dict:
     records = compared(survey, samples)
     if row.get("what") == "first 20 us":
         records.ends[:] = records.arrivals + 16e-6
-    answer = judge(records, bank)
+    answer = judge(records, bank, ratios=(1.0,))
     names = sorted(dict.fromkeys(survey.sensors))
     right_names = expected(row, names)
     named = answer["named"]
@@ -198,13 +198,15 @@ def main(arguments):
         rows.append(tried(row, survey, bank, folder))
         last = rows[-1]
         print(last["trial"], last["kind"], last["truth"], last.get("what", ""), last["outcome"],
-              last["named"], last["rivals"], last["right"], last["processor_s"], flush=True)  # fmt: skip
+              last["named"], last["rivals"], last["right"], flush=True)  # fmt: skip
         rows.sort(key=lambda each: each["trial"])
         lines = ",\n".join(json.dumps(each) for each in rows)
         path.write_text(f'{{"seed": {SEED}, "rows": [\n{lines}\n]}}\n')
     concealed = [row["right"] for row in rows if row["concealed"]]
     nulls = [not row["named"] for row in rows if not row["concealed"]]
-    print(f"right {sum(concealed)} of {len(concealed)}; no name on {sum(nulls)} of {len(nulls)} nulls")
+    print(
+        f"right {sum(concealed)} of {len(concealed)}; no name on {sum(nulls)} of {len(nulls)} nulls"
+    )
 
 
 if __name__ == "__main__":

@@ -16,6 +16,7 @@ WINDOWS = (15e-6, 50e-6), (50e-6, 100e-6), (100e-6, 200e-6)
 ERRORS = 0.05, 0.12, 0.26  # model error of these: share of the energy by which twin records differ
 LARGEST = 4.0  # share of energy that a misfit counts at most
 LEAD, ERRORS_OF_LEAD, DROPS = 10.0, 3.0, 5.0 / 6.0
+LEAST_AGREEMENT = 0.6  # correlation of a first arrival whose amplitude counts
 ROUNDS = 8  # of gains and factors in turn
 RESAMPLED = 2000
 
@@ -166,13 +167,14 @@ def _clocks(records, motion, shots):
     times, agreement = np.zeros(len(shots)), np.zeros(len(shots))
     for name in records.names:
         own = np.flatnonzero(shots == name)
-        common = delays[int(np.argmax(values[own].sum(axis=0)))]
+        common = delays[int(np.argmax(np.maximum(values[own], 0.0).sum(axis=0)))]
         near = np.abs(delays - common) <= BESIDE + 1e-12
         picked = np.array([_peak(delays[near], values[k, near]) for k in own])
         columns = np.column_stack([np.ones(len(own)), records.slopes[own]])
         prior = np.array([PRIORS["clock"], PRIORS["place"], PRIORS["place"]])
-        system = columns.T @ columns / PRIORS["time"] ** 2 + np.diag(prior**-2.0)
-        best = np.linalg.solve(system, columns.T @ picked[:, 0] / PRIORS["time"] ** 2)
+        weights = np.maximum(picked[:, 1], 0.0)[:, None] ** 2 / PRIORS["time"] ** 2
+        system = columns.T @ (weights * columns) + np.diag(prior**-2.0)
+        best = np.linalg.solve(system, columns.T @ (weights[:, 0] * picked[:, 0]))
         clocks[name], moves[name] = float(best[0]), best[1:]
         times[own], agreement[own] = picked[:, 0] - columns @ best, picked[:, 1]
     return clocks, moves, times, agreement
@@ -198,18 +200,21 @@ def gains(
     """
     shots, sensors = np.array(records.shots), np.array(records.sensors)
     ridge = (PRIORS["amplitude"] / PRIORS["factor"]) ** 2
-    level = float(np.median(match.levels[fitted]))
-    known = dict.fromkeys(sensors[fitted].tolist(), level)
+    clear = match.agreement > LEAST_AGREEMENT
+    fitted = fitted & clear
+    usual = float(np.median(match.levels[fitted])) if fitted.any() else 0.0
+    known = dict.fromkeys(sensors[fitted].tolist(), usual)
     factors = dict.fromkeys(records.names, 0.0)
     for _ in range(ROUNDS):
         for name in known:
             own = (sensors == name) & fitted
             known[name] = float(np.median(match.levels[own] - [factors[s] for s in shots[own]]))
-        usual = float(np.median(list(known.values())))
+        usual = float(np.median(list(known.values()))) if known else usual
         for name in factors:
-            own = shots == name
+            own = (shots == name) & clear
             rest = match.levels[own] - [known.get(s, usual) for s in sensors[own]]
-            factors[name] = float(np.sum(rest) / (len(rest) + ridge))
+            if len(rest):
+                factors[name] = float(np.median(rest) * len(rest) / (len(rest) + ridge))
     return known, np.array([
         known.get(sensor, usual) + factors[shot]
         for sensor, shot in zip(sensors.tolist(), shots.tolist(), strict=True)
