@@ -64,7 +64,8 @@ def candidate_blasts(project: Project) -> tuple[Project, ...]:
 def survey_records(blast: Project, project: Project) -> dict[str, Seismogram | None]:
     """Return the records of a blast in a survey by receiver, None where a record is only planned.
 
-    Receivers are those of back_analysis.receivers, else those with a record, else all.
+    Receivers are those of back_analysis.receivers, else those with a record, else all, without
+    those that stand near a source (D38).
 
     Raises
     ------
@@ -81,8 +82,8 @@ def survey_records(blast: Project, project: Project) -> dict[str, Seismogram | N
             )
     if not names:
         raise InputError(f"{blast.path.name}: receivers: missing; a survey needs at least one")
-    compared = blast.comparable
-    return {name: compared[name].seismogram if name in compared else None for name in names}
+    compared, far = blast.comparable, resolved_receivers(blast, names)
+    return {name: compared[name].seismogram if name in compared else None for name in far}
 
 
 def blasts_of(project: Project) -> tuple[Project, ...]:

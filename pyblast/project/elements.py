@@ -21,6 +21,7 @@ from ..readers.provenance import ReadLog
 from ..solver.injection import injected_sources
 from ..solver.moment_density import edges_near
 from .ground import make_geometry, make_mesh, mean_edge
+from .inputs import blast_frequency
 from .places import hole_positions
 from .surface import make_fractures
 
@@ -103,6 +104,16 @@ def make_ground(project) -> Ground:
     InputError
         If the project asks for hexahedra and they don't serve its ground.
     """
+    sized = sized_by_blast(project)
+    ground = _ground(sized)
+    if sized is project:
+        return ground
+    words = f"; sized for the {_frequency(sized.config):.3g} Hz of the blast"
+    return replace(ground, reason=ground.reason + words)
+
+
+def _ground(project):
+    """Build the mesh of a project whose edges are known."""
     config, materials = project.config, project.materials
     kind = config.mesh.kind
     if config.mesh.file is not None:
@@ -123,6 +134,26 @@ def make_ground(project) -> Ground:
         )
     reason = "tetrahedra, as mesh.kind asks for" if obstacle is None else f"tetrahedra: {obstacle}"
     return _tetrahedra(project, asked, wave, reason)
+
+
+def sized_by_blast(project):
+    """Return a project whose mesh carries the blast, layer by layer, if no key says how fine."""
+    mesh = project.config.mesh
+    parts = [mesh, *mesh.layers]
+    sized = [mesh.file, mesh.grid_cells, _frequency(project.config)]
+    sized += [part.edge_m for part in parts] + [part.edges_per_wavelength for part in parts]
+    if any(size is not None for size in sized):
+        return project
+    top = blast_frequency(project)
+    if top is None:
+        raise InputError(
+            "mesh.edge_m: missing, and no blast says how fine the ground shall be; give edge_m, "
+            "frequency_hz or grid_cells"
+        )
+    config = project.config.model_copy(
+        update={"mesh": mesh.model_copy(update={"frequency_hz": top})}
+    )
+    return replace(project.having(), config=config)
 
 
 def _resolving(project, ground, asked, wave):
@@ -387,7 +418,7 @@ def refined(project, error: float = FINER_ERROR):
         laws = {project.materials[name].law.name for name in project.mesh.groups}
         usable = error < 1.0 and laws == {"elastic"} and not mesh.quadratic
         return mesh.model_copy(update={"quadratic": True}) if usable else None
-    factor, top = edge_factor(error), _frequency(project.config)
+    factor, top = edge_factor(error), _frequency(sized_by_blast(project).config)
     scaled = _scaled(mesh, factor)
     return scaled if top is None else scaled.model_copy(update={"frequency_hz": top / factor})
 
@@ -420,8 +451,6 @@ def _obstacle(config, materials):
         return "the table [absorbing_layer] damps ground of tetrahedra"
     if config.signature is not None and config.input.enters_as == "plane_wave":
         return "a plane wave enters ground of tetrahedra only"
-    if _frequency(config) is None and mesh.edge_m is None and mesh.edges_per_wavelength is None:
-        return "neither mesh.frequency_hz nor mesh.edge_m says how fine it shall be"
     return _soft_soil(config, materials) if sides.viscous and config.signature is None else None
 
 

@@ -476,7 +476,7 @@ def compliance_table(project, simulated, band):
         )
     return {
         "chosen": bool(curves),
-        "frequency_method": METHOD,
+        "frequency_method": METHOD + level.frequency_words(project),
         "conclusion": words.strip(),
         "rows": tables,
     }
