@@ -164,12 +164,10 @@ def sized_by_blast(project):
 
 
 def _affordable(mesh, project, obstacle):
-    """Return a `MeshConfig` of tetrahedra, quadratic where they may be; refuse one without end."""
+    """Return a `MeshConfig` of tetrahedra for a frequency, or refuse one without end."""
     mesh = mesh.model_copy(update={"frequency_hz": ROUGH * mesh.frequency_hz})
     rocks = [project.materials[part.material] for part in mesh.layers]
-    free = bool(project.config.boundaries.free_field)
-    quadratic = mesh.quadratic or (not free and all(rock.law.name == "elastic" for rock in rocks))
-    edges = [rock.cs / (TETRAHEDRA[quadratic] * mesh.frequency_hz) for rock in rocks]
+    edges = [rock.cs / (TETRAHEDRA[mesh.quadratic] * mesh.frequency_hz) for rock in rocks]
     size = np.array(mesh.size_m) + np.array([2.0, 2.0, 1.0]) * (mesh.padding_m or 0.0)
     thick = [part.thickness_m or size[2] for part in mesh.layers]
     counts = [
@@ -181,11 +179,11 @@ def _affordable(mesh, project, obstacle):
         raise InputError(
             f"mesh: {mesh.layers[worst].material!r} needs edges of {edges[worst]:.2g} m to carry "
             f"the {mesh.frequency_hz:.3g} Hz of the blast, in all about {sum(counts):.1g} zones, "
-            f"since the ground is cut into tetrahedra: {obstacle}. Mend that, or give mesh.edge_m "
-            "or mesh.frequency_hz and find out by finding D40 what the run then holds"
+            f"since the ground is cut into tetrahedra: {obstacle}. Mend that, or set "
+            "mesh.quadratic = true, or give mesh.edge_m and see by finding D40 what the run holds"
         )
     padding = mesh.padding_edge_m and max(mesh.padding_edge_m, *edges)
-    return mesh.model_copy(update={"quadratic": quadratic, "padding_edge_m": padding})
+    return mesh.model_copy(update={"padding_edge_m": padding})
 
 
 def _resolving(project, ground, asked, wave):
