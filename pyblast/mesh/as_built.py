@@ -148,6 +148,7 @@ def _ground(mesh, asked, short, positions) -> Iterator[Row]:
         yield from _side(mesh, asked, side, short)
     if ground is not None:
         yield from _top(mesh, box, ground, short)
+    yield from _points_above(asked, ground)
     for planes in _asked_planes(asked, box, ground):
         yield from _planes(mesh, planes, box, short)
     yield from _layers(mesh, asked, box, ground, short)
@@ -474,12 +475,28 @@ def _top(mesh, box, ground, short):
     weight[[0, -1]] = 0.5
     wanted = float(weight @ ground.raster @ weight / weight.sum() ** 2)
     yield Row("top", "mean height, m", wanted, height, short)
-    if not ground.stepped:
+    if ground.stepped:
+        x, y = ground.plan[:, 0, 0], ground.plan[0, :, 1]
+        away = np.abs(_raster_of_triangles(triangles, x, y) - ground.raster)
+        share = float((away > short).mean())
+        yield Row("top", "share of its plan at another height", 0.0, share, OF_AREA)
+    else:
         built = scipy.interpolate.LinearNDInterpolator(nodes[:, :2], nodes[:, 2])(ground.plan)
         away, far = built - ground.raster, float(np.nanmax(np.abs(built - ground.raster)))
         mean = float(np.sqrt(np.nanmean(away**2)))
         yield Row("top", "root mean square distance from its survey, m", 0.0, mean, short)
         yield Row("top", "largest distance from its survey, m", 0.0, far)
+
+
+def _points_above(asked, ground):
+    """Yield how far the points of faults lie above the ground, those that do."""
+    for fault in asked.faults:
+        plan, height = np.array(fault.point[:2], dtype=float), float(asked.box[2, 1])
+        if ground is not None:
+            height = ground.under(np.clip(plan, *asked.box[:2].T))
+        if fault.polygon is None and fault.point[2] > height + EXACT:
+            above = float(fault.point[2]) - height
+            yield Row(fault.name, "its point above the ground, m", None, above)
 
 
 def _stations(mesh, asked, ground, short, positions):

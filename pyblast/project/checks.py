@@ -90,9 +90,7 @@ def check(project, measure=True, progress=None) -> Check:
     rows = project.as_built
     tell("check", 0, 1)
     notes += ground_notes(project)
-    if measure:
-        tell("timing", 0, 1)
-    summary = summarise_model(project, measure)
+    summary = summarise_model(project, measure, progress)
     candidates = [
         *_mesh_defects(project, summary),
         *_load_defects(project),

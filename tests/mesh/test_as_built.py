@@ -131,10 +131,31 @@ def test_the_ground_under_positions_that_stand_on_it_is_judged():
     }
 
 
+def step_at(x):
+    """Return the triangles of ground that steps down by 9 m."""
+    upper = [[[0, 0, 0], [x, 0, 0], [x, 90, 0]], [[0, 0, 0], [x, 90, 0], [0, 90, 0]]]
+    lower = [[[x, 0, -9], [120, 0, -9], [120, 90, -9]], [[x, 0, -9], [120, 90, -9], [x, 90, -9]]]
+    return np.array(upper + lower, dtype=float)
+
+
+def test_a_crest_elsewhere_is_seen():
+    mesh = build_mesh(BOX, ROCK, edge=15.0, surface=step_at(60))
+
+    assert wrong(mesh, asked(surface=step_at(60))) == set()
+    assert ("top", "share of its plan at another height") in wrong(mesh, asked(surface=step_at(62)))
+
+
+def test_a_point_of_a_fault_above_the_ground_is_said():
+    ground = asked([fault(60, 90, (60.0, 45.0, 7.0))])
+
+    rows = {row.quantity: row for row in as_built(hexahedra(ground), ground, WAVE)}
+
+    assert rows["its point above the ground, m"].built == pytest.approx(7.0)
+    assert rows["its point above the ground, m"].good
+
+
 def test_ground_of_benches_has_the_height_of_its_crest():
-    upper = [[[0, 0, 0], [60, 0, 0], [60, 90, 0]], [[0, 0, 0], [60, 90, 0], [0, 90, 0]]]
-    lower = [[[60, 0, -9], [120, 0, -9], [120, 90, -9]], [[60, 0, -9], [120, 90, -9], [60, 90, -9]]]
-    ground = asked(surface=np.array(upper + lower, dtype=float))
+    ground = asked(surface=step_at(60))
     mesh = build_mesh(BOX, ROCK, edge=15.0, surface=ground.surface)
     positions = {"upper": (30.0, 40.0), "crest": (60.0, 40.0), "toe": (60.1, 40.0)}
 

@@ -98,17 +98,6 @@ def test_the_order_of_least_work_is_taken_where_planes_are_close(project):
     assert explicit_work(near.mesh) < explicit_work(given.mesh)
 
 
-def test_receivers_do_not_change_the_ground(project):
-    faults = {"faults": [dipping(90, 40)], "edge_m": 20.0}
-    far = [{"name": n, "position_m": p} for n, p in (("A", [2.0, 3.0]), ("B", [119.0, 88.0]))]
-    one, more = project(faults), project(faults, receivers=far)
-
-    assert np.ptp(one.mesh.points, axis=0) == pytest.approx(
-        np.ptp(more.mesh.points, axis=0), abs=30
-    )
-    assert one.mesh.layer.depths(np.array([[0.0, 0.0, 0.0], [120.0, 90.0, 0.0]])).max() == 0.0
-
-
 def test_edges_follow_from_the_band_where_they_are_left_out(project):
     free = {"edge_m": None, "frequency_hz": 25.0}
     coarse, fine = (project({**free, "accuracy": wanted}) for wanted in (0.05, 0.0005))
