@@ -25,7 +25,7 @@ WITNESS = 100e3, 200e3  # Hz, of no fit
 VP = 6200.0  # m/s, of the published model
 LENGTH = 4.1  # m
 COARSE = np.arange(0.96, 1.0401, 0.01)
-FINE = np.arange(0.96, 1.0401, 0.005)
+FINE = 0.005 * np.arange(-2, 3)  # beside the best of them
 RATIOS = 0.98, 0.99, 1.0, 1.01, 1.02  # of the S speed at one P speed
 FINALISTS = 4
 KEEP = 2  # samples of the survey to one of the comparison
@@ -264,7 +264,7 @@ def judge(records: ShotRecords, bank: Bank, prepare=None, ratios=RATIOS) -> dict
     finals = [each.name for each in coarse[:FINALISTS]]
     finals += [] if "reference" in finals else ["reference"]
     near = {
-        each.name: neighbours(classes[each.name], [each.states[k][0] for k in each.result.chosen])
+        each.name: list(dict.fromkeys(each.states[k][0] for k in each.result.chosen))
         for each in coarse if each.name in finals
     }  # fmt: skip
     if prepare is not None:
@@ -274,19 +274,14 @@ def judge(records: ShotRecords, bank: Bank, prepare=None, ratios=RATIOS) -> dict
         if each.name not in finals:
             ranked.append(each)
             continue
-        states = [(member, r, f) for member in near[each.name]
-                  for r in ratios for f in FINE]  # fmt: skip
+        factors = {each.states[k][2] for k in each.result.chosen}
+        fine = sorted({round(f + step, 6) for f in factors for step in FINE})
+        states = [(member, r, f) for member in near[each.name] for r in ratios for f in fine]
         label = "speeds" if each.name == "reference" else each.name
         ranked.append(judged(records, used, bank, label, states))
     ranked.append(fixed)
     ranked.sort(key=lambda each: -each.total)
     return named_sensors(decided(part, bank, used, ranked, fixed, answer))
-
-
-def neighbours(group, best):
-    """Return the members of a class beside its best ones, in their order."""
-    numbers = {group.index(name) for name in best}
-    return [m for k, m in enumerate(group) if any(abs(k - n) <= 1 for n in numbers)]
 
 
 def decided(part, bank, used, ranked, fixed, answer) -> dict:

@@ -22,8 +22,7 @@ DURATION = 2.8e-4  # s
 BEFORE = 6e-5  # s of record before the impact
 STEP = 3e-3  # m, by which drops are moved for derivatives
 STIFFNESSES = 0.05, 0.15, 0.4, 1.0, 2.5, 6.0, 15.0
-WALLS = ("south", "north"), ("south",), ("north",)
-PLANES = 0.25, 0.5, 0.75  # of the depth of the rock, of cracks that nobody lists
+CRACK = 0.5  # of the depth of the rock, of a level crack that nobody lists
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,14 +120,10 @@ def members(reference: Project) -> dict[str, tuple[str, Project]]:
             for value in STIFFNESSES:
                 project = with_joint(reference, side, value, 2.0)
                 known[f"{side}: joint {value:g}"] = f"{side}: joint", project
-    for walls in WALLS:
-        project = reference
-        for wall in walls:
-            project = LIBRARY["side/viscous"].apply(project, wall)
-        name = " and ".join(walls) + ": viscous"
-        known[name] = name, project
-    for share in PLANES:
-        known[f"crack at {share:g}"] = "crack", with_crack(reference, share)
+    walls = LIBRARY["side/viscous"].apply(reference, "south")
+    walls = LIBRARY["side/viscous"].apply(walls, "north")
+    known["south and north: viscous"] = "south and north: viscous", walls
+    known["crack"] = "crack", with_crack(reference, CRACK)
     return known
 
 

@@ -26,7 +26,7 @@ GAIN, FACTOR, CLOCK, SMOOTH, SCATTER, NOISE = 0.15, 0.15, 1.5e-6, 0.15, 0.12, 0.
 SIDES = {
     "under rock: roller": 2, "under rock: fixed": 1, "under rock: free": 2,
     "under rock: joint 0.25": 1, "under rock: joint 1.7": 2, "bottom: viscous": 1,
-    "north: viscous": 2, "under rock: viscous": 1,
+    "south and north: viscous": 2, "under rock: viscous": 1,
 }  # fmt: skip
 SPEEDS = (0.975, 1.0), (1.02, 1.0), (0.98, 1.0), (1.0, 0.985)
 LOSSES = ("reference", 60.0), ("reference", 100.0), ("under rock: roller", 80.0)
@@ -91,8 +91,11 @@ def truth_project(row: dict):
     return project if row["ratio"] == 1.0 else with_speeds(project, row["ratio"])
 
 
-def simulated(row: dict, survey, folder) -> np.ndarray:
-    """Return simulated records of a truth: what is not known of sensors and drops is drawn."""
+def simulated(row: dict, survey, bank, folder) -> np.ndarray:
+    """Return simulated records of a truth: what is not known of sensors and drops is drawn.
+
+    A truth that is a member has its run, at speeds that no member has; others a finer mesh.
+    """
     name = f"truth {row['truth']} {row['ratio']:g} {row.get('what') == 'longer bar'}"
     moved = row.get("what") == "place"
     place = None
@@ -101,7 +104,10 @@ def simulated(row: dict, survey, folder) -> np.ndarray:
         own = np.array(survey.sensors) == sorted(names)[row["sensor"]]
         place = survey.positions + np.where(own[:, None], [MOVED, 0.0, 0.0], 0.0)
         name += f" moved {row['sensor']}"
-    three = stored(folder, name, lambda: motions(survey, truth_project(row), None, place=place))
+    if row["truth"] in bank.classes and name.endswith(" 1 False"):
+        three = bank.responses(row["truth"], 1.0)
+    else:
+        three = stored(folder, name, lambda: motions(survey, truth_project(row), None, place=place))
     velocity = three[0].faster(row["factor"]).driven(FORCE)
     padded = np.pad(velocity, ((0, 0), (round(BEFORE / DT), 0)))
     if "quality" in row:
@@ -160,7 +166,7 @@ def spoiled(row: dict, records, survey):
 def tried(row: dict, survey, bank, folder) -> dict:
     """Judge one trial and return its row."""
     begin = time.process_time()
-    samples = simulated(row, survey, folder)
+    samples = simulated(row, survey, bank, folder)
     if row["kind"] == "sensor":
         samples = spoiled(row, samples, survey)
     records = compared(survey, samples)

@@ -17,7 +17,7 @@ ERRORS = 0.05, 0.12, 0.26  # model error of these: share of the energy by which 
 LARGEST = 4.0  # share of energy that a misfit counts at most
 LEAD, ERRORS_OF_LEAD, DROPS = 10.0, 3.0, 5.0 / 6.0
 LEAST_AGREEMENT = 0.6  # correlation of a first arrival whose amplitude counts
-ROUNDS = 8  # of gains and factors in turn
+ROUNDS = 5  # of gains and factors in turn
 RESAMPLED = 2000
 
 
