@@ -38,8 +38,8 @@ from survey import (
     with_speeds,
 )
 
+from pyblast.project.reciprocity import Responses
 from pyblast.runs.parallel import code_hash, workers
-from pyblast.runs.reciprocity import Responses
 
 TABLES = "block.toml", "drops.csv", "sensors.csv", "source_force.csv"
 CODE = "survey.py", "judge.py", "diagnose.py"

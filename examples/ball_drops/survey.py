@@ -12,8 +12,8 @@ from pyblast.diagnosis.library.sides import kind_of, sides_of, with_joint
 from pyblast.model.material import Material
 from pyblast.model.model import Receiver
 from pyblast.project.project import Project, load_project
+from pyblast.project.reciprocity import responses
 from pyblast.recordings.recording import read_recording
-from pyblast.runs.reciprocity import responses
 
 HERE = Path(__file__).parent
 LSB = 10.0 / 2**15  # V, step of the digitizer

@@ -10,7 +10,7 @@ from pyblast.errors import InputError
 from pyblast.model.model import Receiver
 from pyblast.model.source import PointForce, TimeFunction
 from pyblast.project.project import Project
-from pyblast.runs.reciprocity import mirrored_across, responses, same_along
+from pyblast.project.reciprocity import mirrored_across, responses, same_along
 from pyblast.solver.run import simulate
 
 DT, DURATION = 5e-7, 4e-5
