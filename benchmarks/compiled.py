@@ -10,7 +10,7 @@ import numpy as np
 
 ROOT = Path(__file__).resolve().parents[1]
 FLAGS = ("-O3", "-march=native", "-mprefer-vector-width=512", "-fopenmp")
-FILLED = {"one": "1.0d0", "hex_width": "4", "isa": "", "wide": ""}
+FILLED = {"one": "1.0d0", "hex_width": "4", "kernel_width": "4", "isa": "", "wide": ""}
 
 
 @cache

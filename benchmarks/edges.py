@@ -17,7 +17,7 @@ from pyblast.model.model import Model
 from pyblast.solver.edge_springs import EDGE_ARRAYS
 
 from .blocky import ROCK, blocky_mesh, blocky_model
-from .compiled import ROOT, called, compiled
+from .compiled import FILLED, ROOT, called, compiled
 from .marching import March, by_zones, cube, prepared, rounds_of_ledger
 from .timing import interleaved, median, on, ratio
 
@@ -98,6 +98,7 @@ def bare(lanes, single):
             "benchmarks/edge_loops.f90",
         ):
             text = (ROOT / name).read_text().replace("@n_batch@", str(lanes))
+            text = text.replace("@kernel_width@", FILLED["kernel_width"])
             if single:
                 text = text.replace(
                     "real(dp), intent(in) :: edge_spring", "real, intent(in) :: edge_spring"

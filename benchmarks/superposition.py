@@ -96,8 +96,9 @@ def scattered(n_blasts=10_000, n_holes=50, n_receivers=10):
     generator, dt = np.random.default_rng(0), 7e-4
     holes = [Hole(np.array([5.0 * k, 0.0, 0.0]), 50.0, 0.0, RATE) for k in range(n_holes)]
     fading = np.exp(-dt * np.arange(1450) / 0.2)
+    parts = tuple((k, 0.0) for k in range(n_holes))
     bank = GreensFunctions(
-        tuple(holes), tuple(Receiver(f"{k}", (0.0, 0.0, 0.0)) for k in range(n_receivers)),
+        tuple(holes), parts, tuple(Receiver(f"{k}", (0.0, 0.0, 0.0)) for k in range(n_receivers)),
         generator.normal(size=(n_holes, n_receivers, 3, 1450)) * fading, dt, 0.0, "source", 0, "",
     )  # fmt: skip
     times = generator.uniform(0.0, 0.5, size=(n_blasts, n_holes))
@@ -158,13 +159,13 @@ def two_meshes(fine=24, coarse=12, pairs=8, more=60):
 
 def measure(effort):
     """Return what each of them spares."""
-    model = site(12 if effort == "quick" else 24)
+    model = site(8 if effort == "quick" else 24)
     return {
         "stored_responses": responses(model),
-        "scattered_blasts": scattered(500 if effort == "quick" else 10_000),
+        "scattered_blasts": scattered(100 if effort == "quick" else 10_000),
         "kept_runs": kept(model),
         "early_end": ended(model),
-        "two_meshes": two_meshes(*((12, 6) if effort == "quick" else (24, 12))),
+        "two_meshes": two_meshes(*((8, 4) if effort == "quick" else (24, 12))),
     }
 
 

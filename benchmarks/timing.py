@@ -19,13 +19,14 @@ FMA_ROUNDS = 40_000_000
 THREADS = (1, 2)
 
 
-def interleaved(works, rounds=ROUNDS):
+def interleaved(works, rounds=None):
     """Do things in turn, round after round, so that load on the machine meets all of them.
 
     Parameters
     ----------
     works : dict of str to callable
-    rounds : int
+    rounds : int, optional
+        `ROUNDS` by default, which is one where the parts are only tried.
 
     Returns
     -------
@@ -34,7 +35,7 @@ def interleaved(works, rounds=ROUNDS):
     for work in works.values():
         work()
     took = {name: [] for name in works}
-    for turn in range(rounds):
+    for turn in range(rounds or ROUNDS):
         names = list(works)
         for name in names if turn % 2 == 0 else names[::-1]:
             began = time.perf_counter()

@@ -53,7 +53,7 @@ PEER_RUNS = {3: (50.0, 1.8), 1: (40.0, 1.25)}  # element in m, step in ms
 
 def measure(effort):
     """Return rows of the free box and of the jointed column, and their key figures."""
-    rounds = 2 if effort == "quick" else ROUNDS
+    rounds = 1 if effort == "quick" else ROUNDS
     timing.threads(1)
     found = {"box": box_rows(rounds), "joints": joint_rows(rounds)}
     return {**found, "figures": figures(found)}

@@ -173,6 +173,7 @@ class Asked:
         if tables["hill"] is not None:
             places = np.array(tables["hill"])
             self.hill = LinearNDInterpolator(places[:, :2], places[:, 2])
+        self.receivers = np.array([part["position_m"] for part in tables["receivers"]])
         self.faults, self.sets = mesh["faults"], mesh["joint_sets"]
 
     def ground(self, plan):
@@ -215,7 +216,7 @@ def wrong_ground(tables: dict, mesh, rng) -> list[str]:
 
 
 def _sides(asked, mesh, rng):
-    """Yield sides that stand elsewhere, the top by its root mean square distance."""
+    """Yield sides that stand elsewhere, the top by its mean square and under each receiver."""
     for side, (axis, end) in SIDES.items():
         at = mesh.points[np.unique(mesh.surfaces[side]), axis]
         wanted = (asked.low, asked.high)[end][axis]
@@ -225,10 +226,13 @@ def _sides(asked, mesh, rng):
             yield f"{side} leaves out a part of the box"
     top = _top_nodes(mesh)
     plan = rng.uniform(asked.low[:2], asked.high[:2], (10 * THROWN, 2))
-    off = LinearNDInterpolator(top[:, :2], top[:, 2])(plan) - asked.ground(plan)
-    off = float(np.sqrt(np.nanmean(off**2)))
+    height = LinearNDInterpolator(top[:, :2], top[:, 2])
+    off = float(np.sqrt(np.nanmean((height(plan) - asked.ground(plan)) ** 2)))
     if off > asked.short:
         yield f"the top is {off:.2f} m off"
+    for number, away in enumerate(height(asked.receivers) - asked.ground(asked.receivers)):
+        if not abs(away) <= asked.short:
+            yield f"the ground under R{number} is {away:.2f} m off"
 
 
 def _top_nodes(mesh):

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..config.config import BackAnalysisConfig
+from ..config.config import BackAnalysisConfig, required_table
 from ..config.section import check_path, value_at
 from ..errors import Finding, InputError, named_error
 from ..inference.parameter import Parameter
@@ -33,10 +33,8 @@ def table_of(project: Project) -> tuple[BackAnalysisConfig, str]:
     InputError
         If it is missing.
     """
-    table, where = project.config.back_analysis, f"{project.path.name}: back_analysis"
-    if table is None:
-        raise InputError(f"{where}: missing; add the table with its parameters")
-    return table, where
+    table = required_table(project.config, "back_analysis", project.path)
+    return table, f"{project.path.name}: back_analysis"
 
 
 def all_blasts(project: Project) -> tuple[Project, ...]:
@@ -66,7 +64,8 @@ def candidate_blasts(project: Project) -> tuple[Project, ...]:
 def survey_records(blast: Project, project: Project) -> dict[str, Seismogram | None]:
     """Return the records of a blast in a survey by receiver, None where a record is only planned.
 
-    Receivers are those of back_analysis.receivers, else those with a record, else all.
+    Receivers are those of back_analysis.receivers, else those with a record, else all, without
+    those that stand near a source (D38).
 
     Raises
     ------
@@ -83,8 +82,8 @@ def survey_records(blast: Project, project: Project) -> dict[str, Seismogram | N
             )
     if not names:
         raise InputError(f"{blast.path.name}: receivers: missing; a survey needs at least one")
-    compared = blast.comparable
-    return {name: compared[name].seismogram if name in compared else None for name in names}
+    compared, far = blast.comparable, resolved_receivers(blast, names)
+    return {name: compared[name].seismogram if name in compared else None for name in far}
 
 
 def blasts_of(project: Project) -> tuple[Project, ...]:

@@ -12,9 +12,12 @@ from ..inference.covariance import LEVELS
 from ..inference.gauss_newton import DIFFERENCE
 from ..inference.parameter import Parameter, Problem, problem_of
 from ..inference.records import band_functions
-from ..project.inputs import input_band
+from ..project.inputs import NEARLY, input_band
 from ..project.places import on_ground
 from ..project.project import Project, make_project
+from ..project.validity import carried_band, validity
+from ..solver.injection import near_receivers
+from ..units import plain_number
 from .fit import on_mesh_of_band
 from .identifiability import (
     FisherInformation,
@@ -121,6 +124,41 @@ def _grid(project):
                 continue
             points.append(point)
     return [point for point in points if not _damped(project, [point])[0]]
+
+
+def without_uncertain(projects, receivers, top) -> tuple[list[SurveyReceiver], tuple[str, ...]]:
+    """Return receivers without candidates at which a run does not hold, and sentences on those.
+
+    Parameters
+    ----------
+    projects : sequence of Project
+    receivers : sequence of SurveyReceiver
+        Those of the survey stay.
+    top : float, Hz
+        Upper end of the band that counts.
+    """
+    near, low = set(), {}
+    for project in projects:
+        surveyed = with_receivers(project, receivers)
+        near |= {row.receiver for row in near_receivers(surveyed.model) if not row.trusted}
+        for row in validity(surveyed):
+            if row.carried < NEARLY * top:
+                low[row.name] = min(row.carried, low.get(row.name, row.carried))
+    candidates = [receiver.name for receiver in receivers if not receiver.in_survey]
+    near = [name for name in candidates if name in near]
+    low = {name: low[name] for name in candidates if name in low and name not in near}
+    lines = []
+    if near:
+        lines.append(
+            f"not candidates, since they stand so near a source that the mesh makes errors above "
+            f"20 % (D38): {'; '.join(near)}"
+        )
+    if low:
+        lines.append(
+            f"not candidates, since the mesh carries {plain_number(min(low.values()))} Hz or more "
+            f"to them, but not the {plain_number(top)} Hz of the band (D40): {'; '.join(low)}"
+        )
+    return [row for row in receivers if row.name not in near and row.name not in low], tuple(lines)
 
 
 def _damped(project, positions):
@@ -256,6 +294,8 @@ class SurveyDesign:
         By blast; empty if no parameter is a strength.
     mesh_error_missing : str
         Why the mesh error is not included; empty where it is.
+    uncertain : tuple of str
+        Sentences on candidates and frequencies that do not count since a run does not hold there.
     """
 
     parameters: tuple[Parameter, ...]
@@ -274,6 +314,7 @@ class SurveyDesign:
     levels: dict[str, float]
     slip: dict[str, Slip]
     mesh_error_missing: str
+    uncertain: tuple[str, ...] = ()
 
     def constraint(self, number) -> str:
         """Return how well a parameter is constrained: well, partly, hardly, or not identifiable."""
@@ -334,6 +375,7 @@ def survey_design_at(
     slowest = min(material.cs for material in blasts[0].materials.values())
     apart = 0.5 * slowest / math.sqrt(window.band[0] * window.band[1])
     receivers = survey_receivers(everything, in_survey, apart)
+    receivers, uncertain = without_uncertain(everything, receivers, window.band[1])
     names = [receiver.name for receiver in receivers]
     noise, source = _noise(blasts, records, names, window)
     used = np.array([[_used(name, blast, in_survey) for name in names] for blast in records])
@@ -363,7 +405,7 @@ def survey_design_at(
         _intervals(parameters, unit, information), _reasons(parameters, blasts, information, slip,
         kind), gains, worst, tuple(receivers), apart, window, source,
         levels or {name: level for name, level in LEVELS.items() if errors or name != "mesh"},
-        slip, missing,
+        slip, missing, uncertain,
     )  # fmt: skip
 
 
@@ -373,7 +415,8 @@ def survey_design_of(project, progress=None) -> SurveyDesign:
     Raises
     ------
     InputError
-        If the project has no table ``[back_analysis]``, or a name in it is unknown.
+        If the project has no table ``[back_analysis]``, a name in it is unknown, no receiver stands
+        far enough from the sources, or the meshes carry nothing of the band.
     SolverError
         If a model can't be run.
     """
@@ -386,10 +429,15 @@ def survey_design_of(project, progress=None) -> SurveyDesign:
         meshed = on_mesh_of_band([*blasts, *candidates], top)
         blasts, candidates = meshed[: len(blasts)], meshed[len(blasts) :]
     records = [survey_records(blast, project) for blast in blasts]
+    names = sorted({name for blast in records for name in blast})
+    band, less = carried_band([*blasts, *candidates], blasts[0].compared_band, names)
+    if less is not None:
+        blasts = tuple(blast.having(compared_band=band) for blast in blasts)
     middle = np.full(len(parameters), 0.5)
-    return survey_design_at(
+    plan = survey_design_at(
         blasts, parameters, middle, records=records, candidates=candidates, progress=progress
     )
+    return plan if less is None else replace(plan, uncertain=(*plan.uncertain, less.text))
 
 
 def ranges_of(parameters) -> Problem:

@@ -49,11 +49,13 @@ app = typer.Typer(
 )
 
 
-def _loaded(path: Path, full: bool = False, ground: bool = True) -> "Project":
+def _loaded(path: Path, full: bool = False, ground: bool = True, table: str = "") -> "Project":
     """Load a project; what its file lacks is refused before the slow imports."""
-    from ..config.config import read_config
+    from ..config.config import read_config, required_table
 
     config = read_config(path, full, ground)
+    if table:
+        required_table(config, table, path)
     from ..project.project import make_project
 
     return make_project(config, path)
@@ -383,7 +385,7 @@ def backanalyse(
     --design-survey it needs no records, and writes survey.json and report.html.
     """
     with exit_codes():
-        loaded = _loaded(project, full)
+        loaded = _loaded(project, full, table="" if design_survey else "back_analysis")
         from ..workflows import back_analysis as workflow
 
         if design_survey:

@@ -41,6 +41,7 @@ STAGES = {
     "input": "input motion",
     "mesh": "mesh",
     "check": "checks",
+    "step": "search for the time step",
     "timing": "timing of a few steps",
     "static": "initial stress",
     "dynamic": "time steps",

@@ -309,7 +309,17 @@ class ReceiverConfig(Section):
     name: Annotated[str, Field(pattern=r"^[^/\x00]{1,60}$")]
     position_m: Place
     azimuth_deg: Bearing | None = None
+    normal: Point | None = None
     recorded: RecordingConfig | None = None
+
+    @model_validator(mode="after")
+    def _one_direction(self):
+        """Refuse a direction of length zero, and one beside an azimuth."""
+        if self.normal is not None and not any(self.normal):
+            raise ValueError("normal: must not be zero in all components")
+        if self.normal is not None and self.azimuth_deg is not None:
+            raise ValueError("normal and azimuth_deg exclude one another; keep one")
+        return self
 
 
 class RunConfig(Section):
@@ -406,6 +416,26 @@ class Config(Section):
         return self
 
     @model_validator(mode="after")
+    def _in_the_box(self):
+        """Refuse receivers and sources beyond the box of the ground and its padding."""
+        mesh = self.mesh
+        if mesh.size_m is None:
+            return self
+        out, box = mesh.padding_m or 0.0, zip("xy", mesh.origin_m, mesh.size_m, strict=False)
+        ends = [(axis, start - out, start + size + out) for axis, start, size in box]
+        for name in ("receivers", "point_forces", "moment_tensors"):
+            for number, part in enumerate(getattr(self, name), start=1):
+                for value, (axis, low, high) in zip(part.position_m, ends, strict=False):
+                    if not low <= value <= high:
+                        which = getattr(part, "name", None)
+                        which = f"[{number}]" if which is None else f".{which}"
+                        raise ValueError(
+                            f"{name}{which}.position_m: lies outside of the ground, which "
+                            f"reaches from {low:g} to {high:g} m along {axis}, got {value:g}"
+                        )
+        return self
+
+    @model_validator(mode="after")
     def _known_damage(self):
         """Ask for the holes that damage the ground, and for the material of what is damaged."""
         zone = self.ground.damaged_zone
@@ -490,6 +520,14 @@ def read_config(path, full=False, ground=True) -> Config:
     """
     path = Path(path)
     return check_config(read_toml(path), path.name, full, ground)
+
+
+def required_table(config: Config, name: str, path):
+    """Return a table of a configuration; raise InputError if its file lacks it."""
+    table = getattr(config, name)
+    if table is None:
+        raise InputError(f"{Path(path).name}: {name}: missing; add the table with its parameters")
+    return table
 
 
 def check_config(table, name="project.toml", full=False, ground=True) -> Config:

@@ -181,9 +181,6 @@ class MeshConfig(Section):
         wanted = any(part.edges_per_wavelength is not None for part in [self, *self.layers])
         if wanted and self.frequency_hz is None:
             raise ValueError("frequency_hz is missing beside edges_per_wavelength")
-        sized = self.grid_cells, self.edge_m, self.edges_per_wavelength
-        if self.kind == "tetrahedra" and not any(sized):
-            raise ValueError("give one of edge_m; edges_per_wavelength; grid_cells")
         if (self.padding_m is None) != (self.padding_edge_m is None):
             raise ValueError("padding_m and padding_edge_m go together")
         if self.benches and (self.surface_file is not None or self.kind == "hexahedra"):

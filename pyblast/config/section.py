@@ -144,12 +144,31 @@ class RecordingConfig(Section):
     bearing_deg: Bearing | None = None
     full_scale_mm_per_s: Positive | None = None
     unit: str | None = None
+    sensitivity: Positive | None = None
+    response_file: str | None = None
     start_s: float | None = None
     low_passed_hz: Positive | None = None
     serial_number: str | None = None
     calibration_date: str | None = None
     location: str | None = None
     operator: str | None = None
+
+    @model_validator(mode="after")
+    def _of_counts(self):
+        """Refuse two responses, and one beside a unit of motion."""
+        if self.sensitivity is not None and self.response_file is not None:
+            raise ValueError("sensitivity and response_file exclude one another; keep one")
+        if self.is_counts and self.unit not in (None, "counts"):
+            raise ValueError(
+                "sensitivity and response_file take samples as they are in the file, so "
+                f"unit must be 'counts', got {self.unit!r}"
+            )
+        return self
+
+    @property
+    def is_counts(self) -> bool:
+        """Whether the samples are those of an instrument whose response is given."""
+        return self.sensitivity is not None or self.response_file is not None
 
 
 def value_at(config, path):
@@ -279,6 +298,7 @@ class CandidateConfig(Section):
     materials: dict[Name, dict[str, Any]] = Field({})
     joints: dict[Name, dict[str, Any]] = Field({})
     ground: dict[str, Any] = Field({})
+    boundaries: dict[str, Any] = Field({})
 
     @property
     def tables(self) -> dict[str, dict]:
@@ -289,10 +309,9 @@ class CandidateConfig(Section):
     def _something(self):
         """Ask for a change."""
         if not self.tables:
-            raise ValueError("changes nothing; give mesh, materials, joints or ground")
-        fixed = {"size_m", "origin_m", "file"} & set(self.mesh)
-        if fixed:
-            raise ValueError(f"mesh.{min(fixed)}: the box of the project stays; leave it out")
+            raise ValueError("changes nothing; give mesh, materials, joints, ground or boundaries")
+        if "file" in self.mesh:
+            raise ValueError("mesh.file: the ground is described by layers; leave it out")
         return self
 
 

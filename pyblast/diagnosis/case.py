@@ -136,7 +136,12 @@ def _gathered(project, highest):
         parts[each.name] = {"blast": each.blast, **entering}
         for receiver in each.receivers:
             position = tuple(map(float, receiver.position))
-            if receivers.setdefault(receiver.name, (position, receiver.azimuth))[0] != position:
+            if (
+                receivers.setdefault(receiver.name, (position, receiver.azimuth, receiver.normal))[
+                    0
+                ]
+                != position
+            ):
                 raise InputError(
                     f"{each.path.name}: receivers.{receiver.name}.position_m: differs between the "
                     "blasts"
@@ -144,7 +149,7 @@ def _gathered(project, highest):
             if receiver.name in each.records:
                 record, azimuth = _geographic(each.comparable[receiver.name], receiver.azimuth)
                 records[each.name][receiver.name] = record
-                receivers[receiver.name] = position, azimuth
+                receivers[receiver.name] = position, azimuth, receiver.normal
         if not records[each.name]:
             raise InputError(
                 f"{each.path.name}: receivers: none has a record; add [receivers.recorded]"

@@ -4,9 +4,10 @@ A row compares what was asked for with what stands in the mesh, inside the box a
 absorbing layer. It shares nothing with the builders.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from types import MappingProxyType
 
 import numpy as np
 import scipy
@@ -66,7 +67,12 @@ class Row:
         return f"{self.name}, {self.quantity}: {asked}built {built}{within}"
 
 
-def as_built(mesh: Mesh, asked: Geometry | None, wavelength: float = np.inf) -> tuple[Row, ...]:
+def as_built(
+    mesh: Mesh,
+    asked: Geometry | None,
+    wavelength: float = np.inf,
+    positions: Mapping[str, Sequence[float]] = MappingProxyType({}),
+) -> tuple[Row, ...]:
     """Survey the ground of a mesh.
 
     Parameters
@@ -77,6 +83,9 @@ def as_built(mesh: Mesh, asked: Geometry | None, wavelength: float = np.inf) -> 
         What it was asked for; None for a mesh that was read, whose joints are described.
     wavelength : float, m
         The shortest of S waves of interest, for the tolerance of lengths.
+    positions : dict of str to (2 or 3,) float, m
+        Of sources and receivers. The ground under those that stand on it is judged, and whether
+        those below it lie in the mesh; without a height they stand on the ground.
 
     Returns
     -------
@@ -84,7 +93,7 @@ def as_built(mesh: Mesh, asked: Geometry | None, wavelength: float = np.inf) -> 
     """
     if asked is None:
         return tuple(_inner_surfaces(mesh))
-    return tuple(_ground(mesh, asked, OF_WAVE * wavelength))
+    return tuple(_ground(mesh, asked, OF_WAVE * wavelength, positions))
 
 
 def positions_as_built(
@@ -130,8 +139,8 @@ def positions_as_built(
     return tuple(rows)
 
 
-def _ground(mesh, asked, short) -> Iterator[Row]:
-    """Yield the rows of sides, planes and layer boundaries."""
+def _ground(mesh, asked, short, positions) -> Iterator[Row]:
+    """Yield the rows of sides, planes, layer boundaries and positions."""
     ground = None if asked.surface is None else _Surface(asked)
     top = asked.box[2, 1] if ground is None else max(asked.box[2, 1], ground.highest) + 1.0
     box = np.vstack([asked.box[:2], [asked.box[2, 0], top]])
@@ -139,9 +148,11 @@ def _ground(mesh, asked, short) -> Iterator[Row]:
         yield from _side(mesh, asked, side, short)
     if ground is not None:
         yield from _top(mesh, box, ground, short)
+    yield from _points_above(asked, ground)
     for planes in _asked_planes(asked, box, ground):
         yield from _planes(mesh, planes, box, short)
     yield from _layers(mesh, asked, box, ground, short)
+    yield from _stations(mesh, asked, ground, short, positions)
 
 
 # What the mesh holds.
@@ -221,7 +232,7 @@ class _Surface:
                 zip(self.low, self.size, strict=True))  # fmt: skip
         self.plan = plan = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1)
         surface = np.asarray(asked.surface, dtype=float)
-        self.stepped = surface.ndim == 3
+        self.stepped, self.triangles = surface.ndim == 3, surface
         if self.stepped:
             self.raster = _raster_of_triangles(surface, x, y)
         else:
@@ -234,6 +245,10 @@ class _Surface:
             nearest = scipy.interpolate.NearestNDInterpolator(points[:, :2], points[:, 2])
             self.raster[empty] = nearest(plan[empty])
         self.lowest, self.highest = float(self.raster.min()), float(self.raster.max())
+
+    def under(self, plan):
+        """Return the height in m at a horizontal position (2,), of a crest."""
+        return _highest(self.triangles, plan) if self.stepped else float(self(plan[None])[0])
 
     def __call__(self, plan):
         """Return the heights (...) in m at horizontal positions (..., 2)."""
@@ -450,7 +465,7 @@ def _moved(mesh, positions):
 
 
 def _top(mesh, box, ground, short):
-    """Yield the mean height of the ground in the box, and its distance from the survey."""
+    """Yield the mean height of the ground in the box, and its distances from the survey."""
     triangles, nodes = _facets(mesh, "top")
     triangles = _in_box(triangles, box)
     vectors = _vectors(triangles)
@@ -460,10 +475,50 @@ def _top(mesh, box, ground, short):
     weight[[0, -1]] = 0.5
     wanted = float(weight @ ground.raster @ weight / weight.sum() ** 2)
     yield Row("top", "mean height, m", wanted, height, short)
-    if not ground.stepped:
+    if ground.stepped:
+        x, y = ground.plan[:, 0, 0], ground.plan[0, :, 1]
+        away = np.abs(_raster_of_triangles(triangles, x, y) - ground.raster)
+        share = float((away > short).mean())
+        yield Row("top", "share of its plan at another height", 0.0, share, OF_AREA)
+    else:
         built = scipy.interpolate.LinearNDInterpolator(nodes[:, :2], nodes[:, 2])(ground.plan)
-        away = float(np.sqrt(np.nanmean((built - ground.raster) ** 2)))
-        yield Row("top", "root mean square distance from its survey, m", 0.0, away, short)
+        away, far = built - ground.raster, float(np.nanmax(np.abs(built - ground.raster)))
+        mean = float(np.sqrt(np.nanmean(away**2)))
+        yield Row("top", "root mean square distance from its survey, m", 0.0, mean, short)
+        yield Row("top", "largest distance from its survey, m", 0.0, far)
+
+
+def _points_above(asked, ground):
+    """Yield how far the points of faults lie above the ground, those that do."""
+    for fault in asked.faults:
+        plan, height = np.array(fault.point[:2], dtype=float), float(asked.box[2, 1])
+        if ground is not None:
+            height = ground.under(np.clip(plan, *asked.box[:2].T))
+        if fault.polygon is None and fault.point[2] > height + EXACT:
+            above = float(fault.point[2]) - height
+            yield Row(fault.name, "its point above the ground, m", None, above)
+
+
+def _stations(mesh, asked, ground, short, positions):
+    """Yield the height of the ground under positions on it, and how far others are outside."""
+    box, top = asked.box, _facets(mesh, "top")[0]
+    edges, inside = edge_lengths(mesh).mean(axis=1) / mesh.order, {}
+    for name, position in positions.items():
+        plan = np.array(position[:2], dtype=float)
+        if (plan < box[:2, 0]).any() or (plan > box[:2, 1]).any():
+            continue
+        height = float(box[2, 1]) if ground is None else ground.under(plan)
+        stands = len(position) == 2 or abs(position[2] - height) <= short < np.inf
+        if stands and ground is not None:
+            built = _highest(top, plan)
+            yield Row(name, "height of the ground there, m", height, built, short)
+        if len(position) == 3 and box[2, 0] <= position[2] <= height + EXACT:
+            inside[name] = np.array(position, dtype=float)
+    if inside:
+        moved, zones = _moved(mesh, np.array([*inside.values()]))
+        for name, away, zone in zip(inside, moved, zones, strict=True):
+            if away > OF_EDGE * edges[zone]:
+                yield Row(name, "outside of the ground, m", 0.0, float(away), OF_EDGE * edges[zone])
 
 
 def _planes(mesh, planes, box, short):
@@ -622,14 +677,26 @@ def _within(triangle, normal, position):
 
 def _heights(triangles, position):
     """Return the heights (n,) at which the vertical through a position cuts triangles."""
-    plan = triangles[..., :2] - position[:2]
-    a, b, c = plan.swapaxes(0, 1)
+    low, high = triangles[..., :2].min(axis=1), triangles[..., :2].max(axis=1)
+    near = ((position[:2] >= low - EXACT) & (position[:2] <= high + EXACT)).all(axis=1)
+    triangles = triangles[near]
+    a, b, c = (triangles[..., :2] - position[:2]).swapaxes(0, 1)
     weight = np.stack([_cross(b, c), _cross(c, a), _cross(a, b)], axis=1)
     total = weight.sum(axis=1)
     steep = np.abs(total) <= EXACT**2
     share = weight / np.where(steep, 1.0, total)[:, None]
     inside = ~steep & (share >= -1e-9).all(axis=1)
     return np.einsum("nk,nk->n", share[inside], triangles[inside, :, 2])
+
+
+def _highest(triangles, position):
+    """Return the greatest height in m at which the vertical cuts triangles, NaN if it cuts none.
+
+    Beside a crest, within rounding, that of the crest.
+    """
+    steps = EXACT * np.array([[0.0, 0.0], [1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
+    heights = [_heights(triangles, position + step) for step in steps]
+    return float(np.concatenate(heights).max(initial=-np.inf)) if any(map(len, heights)) else np.nan
 
 
 def _cross(a, b):

@@ -9,6 +9,7 @@ from ..errors import InputError
 from ..mesh.mesh import Mesh, edge_lengths, volumes
 from ..mesh.nodes import Nodes, make_patches, nodes_of, renumbered
 from ..mesh.spectral_nodes import SpectralNodes, View, spectral_nodes, view
+from ..signals.seismogram import Seismogram
 from ..units import check_angle
 from .boundary import Boundary, SpongeLayer, StressInput, Viscous, check_boundaries
 from .ground_fields import GroundField
@@ -29,21 +30,40 @@ class Receiver:
     position : (3,) float, m
     azimuth : float or None, rad
         Direction of the longitudinal component, clockwise from north; None: east and north.
+    normal : (3,) float or None
+        Unit vector along which alone it measures: its motion is what lies along this direction.
 
     Raises
     ------
     InputError
-        If the azimuth is in degrees.
+        If the azimuth is in degrees, both are given, or the normal has no length.
     """
 
     name: str
     position: tuple[float, float, float]
     azimuth: float | None = None
+    normal: tuple[float, ...] | None = None
 
     def __post_init__(self) -> None:
-        """Check the azimuth."""
+        """Check the azimuth, and make the normal a unit vector."""
         if self.azimuth is not None:
             check_angle(f"receiver {self.name!r}.azimuth", self.azimuth)
+        if self.normal is None:
+            return
+        length = float(np.linalg.norm(self.normal))
+        if self.azimuth is not None or len(self.normal) != 3 or not 0.0 < length < np.inf:
+            raise InputError(
+                f"receiver {self.name!r}.normal: must be three numbers that are not all zero, "
+                f"without azimuth, got {self.normal}"
+            )
+        unit = tuple(float(each / length) for each in self.normal)
+        object.__setattr__(self, "normal", unit)
+
+    def measured(self, motion: Seismogram) -> Seismogram:
+        """Return a motion along east, north and vertical as this receiver measures it."""
+        if self.normal is not None:
+            return motion.along(self.normal)
+        return motion if self.azimuth is None else motion.rotated(self.azimuth)
 
 
 @dataclass(frozen=True)

@@ -18,6 +18,7 @@ from ..units import plain_number
 from . import checks_ground
 from .checks_ground import ModelSummary, boundary_defects, summarise_model
 from .elastic_ground import elastic_finding
+from .elements import elements_of
 from .ground import joint_of_surface, set_stiffness
 from .inputs import central_frequency, input_band, shape
 from .level import (
@@ -80,17 +81,16 @@ def check(project, measure=True, progress=None) -> Check:
     tell = progress or (lambda *_: None)
     tell("input", 0, 1)
     notes = () if project.blast is None else tuple(project.blast.checks())
+    recorded = project.recorded  # a file that can't be read is refused before the mesh
     tell("mesh", 0, 1)
-    if project.comparable:  # refuses records that can't be set beside the motion
+    if recorded and project.comparable:  # refuses records that can't be set beside the motion
         low = project.low_pass
         passed = f", low-passed at {low:.3g} Hz like the sources" if low else ""
         notes += (f"Records to compare with: {', '.join(project.comparable)}{passed}.",)
     rows = project.as_built
     tell("check", 0, 1)
     notes += ground_notes(project)
-    if measure:
-        tell("timing", 0, 1)
-    summary = summarise_model(project, measure)
+    summary = summarise_model(project, measure, progress)
     candidates = [
         *_mesh_defects(project, summary),
         *_load_defects(project),
@@ -191,8 +191,9 @@ def _load_defects(project):
         )
     if project.input is not None:
         yield from _face_defects(project, band)
-    if project.inside.moment_rate is not None:
-        yield no_absorbing_layer(project.absorbing_layer or project.mesh.layer)
+    config = project.config
+    if project.inside.moment_rate is not None or config.point_forces or config.moment_tensors:
+        yield no_absorbing_layer(project)
     air, pulse = project.config.air_blast, project.inside.air_pulse
     if air is not None:
         mesh = project.mesh
@@ -434,15 +435,18 @@ def yielding_rock(peak, firing, name, material):
     )
 
 
-def no_absorbing_layer(layer):
-    """D22: holes inside a model without an absorbing layer; None where there is one."""
-    if layer is not None:
+def no_absorbing_layer(project):
+    """D22: sources inside between viscous sides alone; None with a layer, or without such sides."""
+    viscous = project.config.boundaries.viscous
+    if not viscous or project.absorbing_layer is not None or project.mesh.layer is not None:
         return None
     return Finding(
         "D22",
-        "Only dashpots absorb the waves of holes inside",
-        "They absorb well only what comes above about 30 degrees of incidence, and waves from a "
-        "hole graze the sides; give mesh.padding_m, or [absorbing_layer] with a box and a width.",
+        "Only dashpots absorb the waves of sources inside",
+        f"{', '.join(viscous)}: dashpots absorb well only what comes above about 30 degrees of "
+        "incidence, and waves from a source inside graze the sides. The zones are "
+        f"{elements_of(project)}. Hexahedra (mesh.kind) have an absorbing layer of their own; for "
+        "tetrahedra give mesh.padding_m, or [absorbing_layer] with a box and a width.",
     )
 
 

@@ -396,7 +396,7 @@ class ModelSummary:
     seconds: float | None
 
 
-def summarise_model(project, measure=False) -> ModelSummary:
+def summarise_model(project, measure=False, progress=None) -> ModelSummary:
     """Summarise the model of a project.
 
     Parameters
@@ -404,9 +404,13 @@ def summarise_model(project, measure=False) -> ModelSummary:
     project : Project
     measure : bool
         Whether to run a few steps to estimate the run time.
+    progress : callable, optional
+        Called with (stage, done, total) during the search for the time step.
     """
     model = project.model
-    geometry, limit = assembly.geometry_arrays(model)
+    geometry, limit = assembly.geometry_arrays(model, progress=progress)
+    if measure and progress is not None:
+        progress("timing", 0, 1)
     n_steps = int(np.ceil(project.duration / geometry["dt"]))
     mass = model.zone_values("density") * volumes(model.mesh)
     blocks = count_blocks(model.mesh, ("top", *project.config.boundaries.free))

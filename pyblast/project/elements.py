@@ -10,6 +10,7 @@ import numpy as np
 from ..errors import InputError, named_error
 from ..mesh.as_built import OF_WAVE, Row, as_built
 from ..mesh.builder import TOLERANCE_SHARE
+from ..mesh.gmsh import MeshingError
 from ..mesh.grid import SIDES
 from ..mesh.hexahedral import mapped, subdivided, swept
 from ..mesh.hexahedral.mapped import Builder, Fine, NotMapped
@@ -20,10 +21,13 @@ from ..readers.provenance import ReadLog
 from ..solver.injection import injected_sources
 from ..solver.moment_density import edges_near
 from .ground import make_geometry, make_mesh, mean_edge
+from .inputs import blast_frequency
+from .places import hole_positions
 from .surface import make_fractures
 
 ORDER = 5  # in a plain grid
 ORDERS = (3, 4)  # tried first elsewhere; a node and step costs about the same in all
+PLAIN, CUT = "in a plain grid", "of tetrahedra cut"
 BUILDERS: dict[str, Builder] = {
     "between the planes": mapped.build,
     "swept along one direction": swept.build,
@@ -100,6 +104,16 @@ def make_ground(project) -> Ground:
     InputError
         If the project asks for hexahedra and they don't serve its ground.
     """
+    sized = sized_by_blast(project)
+    ground = _ground(sized)
+    if sized is project:
+        return ground
+    words = f"; sized for the {_frequency(sized.config):.3g} Hz of the blast"
+    return replace(ground, reason=ground.reason + words)
+
+
+def _ground(project):
+    """Build the mesh of a project whose edges are known."""
     config, materials = project.config, project.materials
     kind = config.mesh.kind
     if config.mesh.file is not None:
@@ -109,7 +123,7 @@ def make_ground(project) -> Ground:
     obstacle = None if kind == "tetrahedra" else _obstacle(config, materials)
     if kind != "tetrahedra" and obstacle is None:
         try:
-            ground = _hexahedra(config, materials, asked, wave, project.reach)
+            ground = _hexahedra(project, asked, wave)
             return _resolving(project, ground, asked, wave)
         except NotMapped as reason:
             obstacle = str(reason)
@@ -120,6 +134,26 @@ def make_ground(project) -> Ground:
         )
     reason = "tetrahedra, as mesh.kind asks for" if obstacle is None else f"tetrahedra: {obstacle}"
     return _tetrahedra(project, asked, wave, reason)
+
+
+def sized_by_blast(project):
+    """Return a project whose mesh carries the blast, layer by layer, if no key says how fine."""
+    mesh = project.config.mesh
+    parts = [mesh, *mesh.layers]
+    sized = [mesh.file, mesh.grid_cells, _frequency(project.config)]
+    sized += [part.edge_m for part in parts] + [part.edges_per_wavelength for part in parts]
+    if any(size is not None for size in sized):
+        return project
+    top = blast_frequency(project)
+    if top is None:
+        raise InputError(
+            "mesh.edge_m: missing, and no blast says how fine the ground shall be; give edge_m, "
+            "frequency_hz or grid_cells"
+        )
+    config = project.config.model_copy(
+        update={"mesh": mesh.model_copy(update={"frequency_hz": top})}
+    )
+    return replace(project.having(), config=config)
 
 
 def _resolving(project, ground, asked, wave):
@@ -138,7 +172,7 @@ def _resolving(project, ground, asked, wave):
     needed = edges_near(model, injected_sources(model))
     if not needed:
         return ground
-    build = partial(_hexahedra, config, project.materials, wave=wave, reach=project.reach)
+    build = partial(_hexahedra, project, wave=wave)
     for attempt in (_widened, _graded):
         better = attempt(project, ground, asked, model, needed, build)
         if better is not None:
@@ -226,12 +260,12 @@ def _tetrahedra(project, asked, wave, reason):
     edges = [layer.edge_m or parts.edge_m or 0.0 for layer in (parts, *parts.layers)]
     bends = TOLERANCE_SHARE * max(edges) > OF_WAVE * wave
     given = parts.tolerance_m is not None or parts.grid_cells is not None
-    wrong = ""
+    wrong, positions = "", positions_of(project)
     usual = RELIEF * wave if bends else None
     for tolerance in (parts.tolerance_m,) if given else (usual, sharp):
         cut = parts.model_copy(update={"tolerance_m": tolerance})
         mesh = make_mesh(cut, materials, folder, project.surface, relief=RELIEF * wave)
-        rows = as_built(mesh, asked, wave)
+        rows = as_built(mesh, asked, wave, positions)
         wrong = differences(rows)
         if not wrong:
             return Ground(mesh, reason, rows)
@@ -277,6 +311,21 @@ def _with_edges(config, materials):
             part = part.model_copy(update={"edge_m": edge})
         layers.append(part)
     return mesh.model_copy(update={"layers": layers})
+
+
+def positions_of(project) -> dict[str, tuple[float, ...]]:
+    """Return the positions (2 or 3,) in m of sources and receivers of all blasts, by name."""
+    positions = {}
+    for each in (project, *project.further):
+        config = each.config
+        if each.blast is not None and config.holes_inside is not None:
+            positions |= hole_positions(each.blast)
+        for kind in ("point_forces", "moment_tensors"):
+            parts = enumerate(getattr(config, kind), start=1)
+            positions |= {f"{kind}[{number}]": part.position_m for number, part in parts}
+        positions |= {f"receivers.{part.name}": part.position_m for part in config.receivers}
+    given = project.given.get("receivers", ())
+    return positions | {f"receivers.{each.name}": each.position for each in given}
 
 
 def survey_positions(project) -> np.ndarray:
@@ -369,7 +418,7 @@ def refined(project, error: float = FINER_ERROR):
         laws = {project.materials[name].law.name for name in project.mesh.groups}
         usable = error < 1.0 and laws == {"elastic"} and not mesh.quadratic
         return mesh.model_copy(update={"quadratic": True}) if usable else None
-    factor, top = edge_factor(error), _frequency(project.config)
+    factor, top = edge_factor(error), _frequency(sized_by_blast(project).config)
     scaled = _scaled(mesh, factor)
     return scaled if top is None else scaled.model_copy(update={"frequency_hz": top / factor})
 
@@ -402,8 +451,6 @@ def _obstacle(config, materials):
         return "the table [absorbing_layer] damps ground of tetrahedra"
     if config.signature is not None and config.input.enters_as == "plane_wave":
         return "a plane wave enters ground of tetrahedra only"
-    if _frequency(config) is None and mesh.edge_m is None and mesh.edges_per_wavelength is None:
-        return "neither mesh.frequency_hz nor mesh.edge_m says how fine it shall be"
     return _soft_soil(config, materials) if sides.viscous and config.signature is None else None
 
 
@@ -427,23 +474,24 @@ def _frequency(config):
     return None if band is None else band[1]
 
 
-def _hexahedra(config, materials, geometry, wave, reach, lines=None):
+def _hexahedra(project, geometry, wave, lines=None):
     """Return a ground of hexahedra: the first as asked for, of builders and orders by work.
 
     Tetrahedra are cut into hexahedra where no other serves, then once more with half the edges.
     """
-    order, reasons = config.mesh.order, {}
+    config, materials, reasons = project.config, project.materials, {}
+    order, positions = config.mesh.order, positions_of(project)
 
     def meshes(order, builders, factor=1.0):
         sizes = [
-            factor * _size(config, part, materials[part.material], order, reach)
+            factor * _size(config, part, materials[part.material], order, project.reach)
             for part in config.mesh.layers
         ]
         for how, build in builders.items():
             try:
                 with named_error("mesh"):
                     mesh = build(geometry, sizes, order, lines)
-            except NotMapped as reason:
+            except (MeshingError, NotMapped) as reason:
                 reasons.setdefault(str(reason).removeprefix("mesh: "))
                 continue
             work = explicit_work(mesh)
@@ -451,7 +499,7 @@ def _hexahedra(config, materials, geometry, wave, reach, lines=None):
                 yield work, how, mesh
 
     if mapped.is_plain(geometry):
-        trials = [*meshes(order or ORDER, {"in a plain grid": mapped.build})]
+        trials = [*meshes(order or ORDER, {PLAIN: mapped.build})]
     elif order:
         trials = [*meshes(order, BUILDERS)]
     else:
@@ -460,13 +508,13 @@ def _hexahedra(config, materials, geometry, wave, reach, lines=None):
             best = min(trials, key=lambda each: each[0])[2].order
             trials += meshes(best + (1 if best == max(ORDERS) else -1), BUILDERS)
     trials.sort(key=lambda each: each[0])
-    cut = {"of tetrahedra cut": subdivided.build}
+    cut = {CUT: subdivided.build}
     last = (each for factor in (1.0, 0.5) for each in meshes(order or ORDERS[0], cut, factor))
     for _, how, mesh in chain(trials, last):
-        rows = as_built(mesh, geometry, wave)
+        rows = as_built(mesh, geometry, wave, positions)
         wrong = differences(rows)
         if not wrong:
-            why = () if how in BUILDERS or mapped.is_plain(geometry) else reasons
+            why = reasons if how == CUT else ()
             return Ground(mesh, _sentence(mesh, how, why), rows)
         reasons.setdefault(f"hexahedra {how} would be other ground than asked for: {wrong}")
     raise NotMapped("; ".join(reasons) or "its hexahedra would be inverted")

@@ -210,6 +210,7 @@ def place_in_box(parts, ground: FlatBox) -> tuple[Receiver, ...]:
         Receiver(
             part.name, (float(x), float(y), float(z)),
             None if part.azimuth_deg is None else float(np.radians(part.azimuth_deg)),
+            None if part.normal is None else tuple(part.normal),
         )
         for part, (x, y, z) in zip(parts, positions, strict=True)
     )  # fmt: skip

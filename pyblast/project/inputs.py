@@ -21,8 +21,14 @@ from ..config.section import read_time_function
 from ..errors import InputError, named_error
 from ..model.boundary import StressInput, VelocityInput, WaveFronts
 from ..model.source import PlaneWave, TimeFunction, polarisation
-from ..recordings.recording import Recording, first_recording, read_recording
-from ..signals.seismogram import GEOGRAPHIC, Seismogram
+from ..recordings.recording import (
+    Recording,
+    first_recording,
+    in_motion,
+    read_recording,
+    remove_response,
+)
+from ..signals.seismogram import GEOGRAPHIC, Seismogram, fast_length
 from ..signals.spectra import LowPassed, dominant_frequency, highest_frequency, lowpass
 from ..units import to_si
 from .places import carried_frequency, charge_depth, level_distance
@@ -115,7 +121,7 @@ def read_record(config, folder, log=None) -> Recording:
             None if config.full_scale_mm_per_s is None else 1e-3 * config.full_scale_mm_per_s
         ),
         mapping=None if config.mapping is None else folder / config.mapping,
-        unit=config.unit,
+        unit="counts" if config.is_counts else config.unit,
         sheet=config.sheet,
         log=log,
     )
@@ -124,6 +130,10 @@ def read_record(config, folder, log=None) -> Recording:
     record = records[config.record - 1]
     if "record" not in config.model_fields_set:
         record = first_recording(config.file, records)
+    if config.sensitivity is not None:
+        record = in_motion(record, config.sensitivity)
+    if config.response_file is not None:
+        record = remove_response(record, folder / config.response_file)
     stated = {"start": config.start_s, "low_passed": config.low_passed_hz}
     stated = {name: value for name, value in stated.items() if value is not None}
     return replace(record, seismogram=replace(record.seismogram, **stated))
@@ -288,6 +298,8 @@ def shifts_of(config, blast, receiver, reference):
 def like_simulated(config, record) -> Recording:
     """Turn a record into the components of its receiver, a `ReceiverConfig`."""
     seismogram, clipped = record.seismogram, record.clipped
+    if config.normal is not None:
+        return _along_normal(record, config.normal)
     geographic = tuple(seismogram.components) == GEOGRAPHIC
     if config.azimuth_deg is None and not geographic:
         raise InputError(
@@ -302,6 +314,23 @@ def like_simulated(config, record) -> Recording:
     return record
 
 
+def _along_normal(record, normal):
+    """Turn a record of one component, whatever its name, into motion along a direction."""
+    seismogram, unit = record.seismogram, np.asarray(normal) / np.linalg.norm(normal)
+    recorded = np.flatnonzero(np.isfinite(seismogram.velocity).any(axis=0))
+    if len(recorded) != 1:
+        names = ", ".join(seismogram.components[k] for k in recorded)
+        raise InputError(
+            f"normal: needs a record of one component, this one has {names or 'none'}; give the "
+            "record of that sensor alone, or leave normal out"
+        )
+    across, column = unit == 0.0, seismogram.velocity[:, recorded]
+    velocity = np.where(across, np.nan, column * unit)
+    clipped = record.clipped[:, recorded] & ~across
+    turned = replace(seismogram, velocity=velocity, components=GEOGRAPHIC)
+    return replace(record, seismogram=turned, clipped=clipped, offset=(0.0, 0.0, 0.0))
+
+
 SAMPLES_PER_DURATION = 100
 DURATIONS = 8
 SAMPLES_PER_PEAK_TIME = 200
@@ -309,6 +338,9 @@ PEAK_TIMES = 10
 SMOOTH = 8  # order of a pulse that is given by its frequency
 FREQUENCY = 20.0  # Hz, of a hole without one
 STEP_DOWN = 0.95  # between low-passes that are tried
+LEAST_PEAK = 0.9  # share of the peak of the blast that a run has to hold
+PERIODS = 20.0  # of the lowest frequency that is lost, around a pulse
+NEARLY = 0.95  # of the top of a band, from which on a mesh carries it
 
 
 def make_moment_rate(
@@ -343,17 +375,22 @@ def make_moment_rate(
         raise InputError(
             f"charged_hole.material: must be one of {', '.join(materials)}, got {hole.material!r}"
         )
-    rock, pulse = materials[hole.material], hole_pulse(hole)
-    dt = pulse.peak_time / SAMPLES_PER_PEAK_TIME
-    pressure = pulse(dt * np.arange(PEAK_TIMES * SAMPLES_PER_PEAK_TIME + 1))
-    moment = cavity_moment(hole.radius_m, pressure, rock.cp, rock.cs)
-    unit = TimeFunction(np.gradient(moment, dt), dt)
+    rock, unit = materials[hole.material], _unit_rate(hole, materials[hole.material])
     if hole.pressure_mpa is not None:
         unit = replace(unit, values=to_si("pressure_mpa", hole.pressure_mpa)[1] * unit.values)
     else:
         away = float(hole.distance_m or distance)
         unit = moment_for_peak(unit, level_peak(hole, away), away, depth, rock)
     return replace(unit, values=unit.values / hole.charge_kg**exponent)
+
+
+def _unit_rate(hole, rock):
+    """Return the moment rate of a `ChargedHoleConfig` at a pressure of 1 Pa."""
+    pulse = hole_pulse(hole)
+    dt = pulse.peak_time / SAMPLES_PER_PEAK_TIME
+    pressure = pulse(dt * np.arange(PEAK_TIMES * SAMPLES_PER_PEAK_TIME + 1))
+    moment = cavity_moment(hole.radius_m, pressure, rock.cp, rock.cs)
+    return TimeFunction(np.gradient(moment, dt), dt)
 
 
 def hole_pulse(hole) -> SmoothPulse:
@@ -548,6 +585,55 @@ def input_band(project):
     return max(highest_frequency(motion) for motion in project.motions)
 
 
+def blast_frequency(project) -> float | None:
+    """Return the frequency in Hz that a mesh has to carry, which nobody gave.
+
+    Below it lies 95 % of the energy of what enters, as it would without a low-pass for the mesh,
+    and what makes 90 % of its peak. None where nothing enters, or an air blast, which asks for
+    other edges.
+    """
+    config, inside = project.config, project.config.holes_inside
+    if config.air_blast is not None:
+        return None
+    if inside is not None and inside.charged_hole is not None and inside.low_pass_hz != "none":
+        hole = inside.charged_hole
+        rock = project.materials.get(hole.material)
+        if rock is None:
+            return None
+        rate, _ = within_band(_unit_rate(hole, rock), inside.low_pass_hz, lambda: math.inf)
+        return _frequency_of(superpose(radiated(rate), project.firing))
+    return max((_frequency_of(motion) for motion in project.motions), default=None)
+
+
+def _frequency_of(motion):
+    """Return the frequency in Hz up to which a motion holds its energy and its peak."""
+    top = highest_frequency(motion)
+    while held_shares(motion, motion, NEARLY * top)[1] < LEAST_PEAK and top < 0.5 / motion.dt:
+        top /= NEARLY
+    return top
+
+
+def held_shares(whole, passed, carried) -> tuple[float, float]:
+    """Return which share of energy and peak of a motion its low-passed one has up to a frequency.
+
+    Parameters
+    ----------
+    whole, passed : Seismogram
+    carried : float, Hz
+    """
+    velocity = np.nan_to_num(passed.velocity)
+    periods = int(np.ceil(PERIODS / (carried * passed.dt)))
+    padded = fast_length(len(velocity) + periods)  # a pulse may be shorter than a period
+    spectrum = np.fft.rfft(velocity, padded, axis=0)
+    spectrum[np.fft.rfftfreq(padded, passed.dt) > carried] = 0.0
+    carried_motion = np.fft.irfft(spectrum, padded, axis=0)
+    before = np.nan_to_num(whole.velocity)
+    energy, peak = np.sum(before**2), np.abs(before).max()
+    if not peak > 0.0:
+        return 1.0, 1.0
+    return np.sum(carried_motion**2) / energy, np.abs(carried_motion).max() / peak
+
+
 def named_files(config) -> list[str]:
     """Return the names of all files that a `Config` names."""
     names = config.mesh.files
@@ -560,7 +646,8 @@ def named_files(config) -> list[str]:
     several = config.point_forces, config.moment_tensors, config.pressures
     names += [part.file for parts in several for part in parts]
     records = [part.recorded for part in (config.signature, *config.receivers) if part]
-    names += [name for r in records if r is not None for name in (r.file, r.mapping)]
+    names += [name for r in records if r is not None
+              for name in (r.file, r.mapping, r.response_file)]  # fmt: skip
     for candidate in config.diagnosis.candidates if config.diagnosis else ():
         names.append(candidate.mesh.get("surface_file"))
     return [name for name in names if name is not None]

@@ -24,7 +24,7 @@ from ..model.boundary import StressInput
 from ..signals.seismogram import Seismogram
 from ..signals.spectra import highest_frequency
 from ..units import plain_number
-from .inputs import level_peak, radiated, shape
+from .inputs import FREQUENCY, level_peak, radiated, shape
 from .places import charge_depth, face_areas, full_tensor, level_distance, normal_axis
 from .project import Project
 
@@ -370,6 +370,18 @@ def level_words(hole, distance=None) -> str:
     else:
         rests = f"the law {hole.law or HARD_ROCK.name}"
     return f"its level by {rests} at {plain_number(at)} m"
+
+
+def frequency_words(project: Project) -> str:
+    """Return that the frequency of simulated motion is assumed, to follow a method; "" if given."""
+    inside = project.config.holes_inside
+    hole = None if inside is None else inside.charged_hole
+    if hole is None or hole.frequency_hz is not None or hole.peak_time_ms is not None:
+        return ""
+    return (
+        f"; of simulated motion it follows from the {plain_number(FREQUENCY)} Hz assumed for each "
+        "hole, and so does the limit: give holes_inside.charged_hole.frequency_hz from records"
+    )
 
 
 # Where a level of holes comes from, the most trusted first.

@@ -8,14 +8,15 @@ from scipy.spatial import KDTree
 
 from ..blasts.blast import Blast
 from ..errors import InputError, named_error
-from ..mesh.faces import face_vectors
-from ..mesh.hexahedra import face_shapes, face_slopes
-from ..mesh.mesh import locate, surface_zones
+from ..mesh.faces import face_vectors, zone_of_face
+from ..mesh.hexahedra import face_nodes, face_shapes, face_slopes
+from ..mesh.mesh import locate, surface_faces, surface_zones
 from ..model.model import Model, Receiver, SpongeLayer
 from ..model.source import AirBlast, Column, Hole, MomentTensor, PointForce, Pressure, TimeFunction
 from ..solver.injection import near_receivers
 from ..solver.moment_density import near_sources
 
+UPRIGHT = 1e-9  # plan area of a face over the square of its width, below which it has no height
 SHALLOWEST = 0.5  # m, depth of a charge at least
 KIND_NAMES = {"PointForce": "force", "MomentTensor": "moment tensor"}
 
@@ -33,7 +34,8 @@ def place_receivers(parts, mesh) -> tuple[Receiver, ...]:
         with named_error(f"receivers.{part.name}"):
             position = on_ground(mesh, part.position_m)
         azimuth = None if part.azimuth_deg is None else float(np.radians(part.azimuth_deg))
-        receivers.append(Receiver(part.name, position, azimuth))
+        normal = None if part.normal is None else tuple(part.normal)
+        receivers.append(Receiver(part.name, position, azimuth, normal))
     refuse_outside(
         mesh, {f"receivers.{receiver.name}": receiver.position for receiver in receivers}
     )
@@ -97,27 +99,40 @@ def _height(mesh, position):
 
 
 def _height_of_hexahedra(mesh, position):
-    """Return the height of the surface "top" of hexahedra at a position (2,)."""
-    nodes = mesh.node_places[surface_zones(mesh, "top")]
-    top = nodes.reshape(len(nodes), -1, (mesh.order + 1) ** 2, 3)[:, -1]
-    inside = (position >= top[:, :, :2].min(axis=1)) & (position <= top[:, :, :2].max(axis=1))
-    for face in top[inside.all(axis=1)]:
+    """Return the height of the surface "top" of hexahedra at a position (2,), of a crest."""
+    faces, highest = _faces_of_hexahedra(mesh, "top"), -np.inf
+    inside = (position >= faces[:, :, :2].min(axis=1)) & (position <= faces[:, :, :2].max(axis=1))
+    for face in faces[inside.all(axis=1)]:
         coordinates = _on_face(face, mesh.order, position)
-        if np.abs(coordinates).max() <= 1.0 + 1e-9:
-            return float(face_shapes(mesh.order, coordinates) @ face[:, 2])
+        if coordinates is not None:
+            highest = max(highest, float(face_shapes(mesh.order, coordinates) @ face[:, 2]))
+    if np.isfinite(highest):
+        return highest
     raise InputError(f"position_m: ({position[0]:g}, {position[1]:g}) m lies outside of the ground")
 
 
+def _faces_of_hexahedra(mesh, name):
+    """Return the nodes (n, (order + 1)^2, 3) in m of the faces of a surface of hexahedra.
+
+    Faces may be any of their zones, and a zone may have two of them.
+    """
+    zone, local = zone_of_face(mesh.zones, surface_faces(mesh, name))
+    nodes = face_nodes(mesh.order)[local].reshape(len(zone), -1)
+    return mesh.node_places[zone[:, None], nodes]
+
+
 def _on_face(face, order, position):
-    """Return the reference coordinates (2,) of a position on a face, by Newton."""
+    """Return the reference coordinates (2,) of a position on a face, None if it lies beside it."""
     at = np.zeros(2)
     for _ in range(50):
         slope = face_slopes(order, at).T @ face[:, :2]
+        if abs(np.linalg.det(slope)) < UPRIGHT * np.abs(slope).max() ** 2:
+            return None
         step = np.linalg.solve(slope.T, position - face_shapes(order, at) @ face[:, :2])
         at = np.clip(at + step, -1.5, 1.5)
         if np.abs(step).max() < 1e-13:
             break
-    return at
+    return at if np.abs(at).max() <= 1.0 + 1e-9 else None
 
 
 def _cross(a, b):

@@ -11,7 +11,7 @@ import numpy as np
 
 from ..blasts.blast import Blast, Firing
 from ..config.config import Config, check_config, read_config
-from ..config.ground import GroundConfig, MeshConfig
+from ..config.ground import BoundariesConfig, GroundConfig, MeshConfig
 from ..config.section import changed_tables, value_at
 from ..errors import InputError, named_error
 from ..mesh.as_built import Row, positions_as_built
@@ -440,6 +440,7 @@ class Project:
         fields: Iterable | None = None,
         mesh: MeshConfig | None = None,
         ground: GroundConfig | None = None,
+        boundaries: BoundariesConfig | None = None,
         surface: np.ndarray | None = None,
         blasts: dict[str, Blast] | None = None,
         receivers: Iterable[Receiver] | None = None,
@@ -447,15 +448,15 @@ class Project:
     ) -> "Project":
         """Return the project with other parts; what the sources do stays as it is.
 
-        Another geometry is another ``mesh``, ``ground`` or ``surface``, with ``joints`` and
-        ``materials`` to match: the mesh is built anew when first used. A fault without a joint of
-        its name stays closed; zones end on it.
+        Another geometry is another ``mesh``, ``ground``, ``boundaries`` or ``surface``, with
+        ``joints`` and ``materials`` to match: the mesh is built anew when first used. A fault
+        without a joint of its name stays closed; zones end on it.
 
         Parameters
         ----------
         materials, joints, fields
             Of the ground, in place of those that it has.
-        mesh, ground : MeshConfig, GroundConfig, optional
+        mesh, ground, boundaries : MeshConfig, GroundConfig, BoundariesConfig, optional
         surface : (n, 3) float64, m, optional
             Surveyed top surface, in place of ``mesh.surface_file``.
         blasts : dict of str to Blast, optional
@@ -466,7 +467,8 @@ class Project:
         parts = {"materials": materials, "joints": joints, "fields": fields}
         parts = {key: value for key, value in parts.items() if value is not None}
         parts |= {key: tuple(parts[key]) for key in ("joints", "fields") if key in parts}
-        tables = {k: t for k, t in (("mesh", mesh), ("ground", ground)) if t is not None}
+        tables = {"mesh": mesh, "ground": ground, "boundaries": boundaries}
+        tables = {name: table for name, table in tables.items() if table is not None}
         parts["config"] = self.config.model_copy(update=tables)
         held = parts.setdefault("joints", self.joints)
         stale = {"sources", "model", "absorbing_layer", "elastic_ground"}

@@ -445,6 +445,7 @@ def receiver_tables(project, simulated, band):
         tables[name] = {
             "position": list(receiver.position),
             "azimuth": receiver.azimuth,
+            "normal": receiver.normal,
             "carried_hz": carried[name],
             "simulated": simulated_table(simulated[name], band, carried[name]),
             "recorded": motion_table(project.recorded[name]) if name in project.recorded else None,
@@ -475,7 +476,7 @@ def compliance_table(project, simulated, band):
         )
     return {
         "chosen": bool(curves),
-        "frequency_method": METHOD,
+        "frequency_method": METHOD + level.frequency_words(project),
         "conclusion": words.strip(),
         "rows": tables,
     }

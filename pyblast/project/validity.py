@@ -8,19 +8,16 @@ from scipy.spatial import KDTree
 
 from ..errors import Finding, InputError
 from ..mesh.mesh import edge_lengths
-from ..signals.seismogram import fast_length
 from ..signals.spectra import highest_frequency
 from ..units import plain_number
-from .inputs import input_band, unfiltered
+from .inputs import LEAST_PEAK, NEARLY, held_shares, input_band, unfiltered
 from .places import normal_axis, radiating_positions
 from .project import Project
 
-LEAST_ENERGY, LEAST_PEAK = 0.95, 0.9  # shares of the blast's motion that a run has to hold
-NEARLY = 0.95  # of the top of a band, from which on a mesh carries it
+LEAST_ENERGY = 0.95  # share of the blast's motion that a run has to hold
 LEAST_SPAN = 1.5  # highest over lowest frequency of a band in which records can be compared
 SAMPLES = 200  # along the way to a receiver
 THIN = 8.0  # layers thinner than a wavelength over this move as one
-PERIODS = 20.0  # of the lowest frequency that is lost, around a pulse
 STIFF = 0.5  # S speed over that around the sources, of ground through which waves come
 
 
@@ -155,24 +152,11 @@ def band_of(project: Project) -> Band:
         by_group = project.model.highest_frequency()
         ground = min(by_group, key=lambda name: by_group[name])
         carried = by_group[ground]
-    shares = [_held(whole, passed, carried) for whole, passed in zip(before, after, strict=True)]
+    shares = [
+        held_shares(whole, passed, carried) for whole, passed in zip(before, after, strict=True)
+    ]
     energy, peak = np.min(shares, axis=0)
     return Band(carried, needed, ground, float(energy), float(peak))
-
-
-def _held(whole, passed, carried):
-    """Return which share of energy and peak of a motion its low-passed one has up to `carried`."""
-    velocity = np.nan_to_num(passed.velocity)
-    periods = int(np.ceil(PERIODS / (carried * passed.dt)))
-    padded = fast_length(len(velocity) + periods)  # a pulse may be shorter than a period
-    spectrum = np.fft.rfft(velocity, padded, axis=0)
-    spectrum[np.fft.rfftfreq(padded, passed.dt) > carried] = 0.0
-    carried_motion = np.fft.irfft(spectrum, padded, axis=0)
-    before = np.nan_to_num(whole.velocity)
-    energy, peak = np.sum(before**2), np.abs(before).max()
-    if not peak > 0.0:
-        return 1.0, 1.0
-    return np.sum(carried_motion**2) / energy, np.abs(carried_motion).max() / peak
 
 
 def carried_band(

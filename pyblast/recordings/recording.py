@@ -229,6 +229,30 @@ def read_stations(
     return stations
 
 
+def in_motion(recording: Recording, sensitivity: float) -> Recording:
+    """Turn the counts of an instrument of flat response to m/s.
+
+    Parameters
+    ----------
+    recording : Recording
+        Read with ``unit="counts"``.
+    sensitivity : float
+        Counts, or volts, of the file for 1 m/s.
+
+    Raises
+    ------
+    InputError
+        If the samples are in m/s already.
+    """
+    seismogram = recording.seismogram
+    if recording.header.get("unit") != "counts":
+        raise InputError(
+            f"sensitivity: {seismogram.label or 'the record'} is in m/s already, leave it out"
+        )
+    moving = replace(seismogram, velocity=seismogram.velocity / sensitivity)
+    return replace(recording, seismogram=moving, header={**recording.header, "unit": "m_per_s"})
+
+
 def remove_response(recording: Recording, response: str | Path | dict) -> Recording:
     """Remove the instrument response: counts to m/s.
 

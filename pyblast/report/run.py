@@ -447,6 +447,11 @@ def _energy_words(summary):
         )
     if summary["run"]["static"]:
         words += " The initial energy of joints is that of the in-situ stress, not of the blast."
+    if summary["sources"]["absorbing_layer"] and "absorbing_layer" not in summary["energy"]:
+        words += (
+            " What the absorbing layer takes cannot be separated from damping of the ground, since "
+            "both act through the forces of the same zones: one curve is their sum."
+        )
     return words
 
 

@@ -30,6 +30,7 @@ def summarise_survey(design) -> dict:
         "noise": design.noise,
         "levels": design.levels,
         "mesh_error_missing": design.mesh_error_missing,
+        "uncertain": list(design.uncertain),
         "parameters": [
             {
                 **range_of(parameter),
@@ -150,12 +151,13 @@ def summary_lines(survey) -> list[str]:
     if not survey["gridded"]:
         lines.append(
             "only receivers of the project are candidates: no point of "
-            "back_analysis.candidate_grid lies on the surface, outside of the absorbing layer and "
+            "back_analysis.candidate_grid counts: on the surface, outside of the absorbing layer, "
+            "far from the sources, where the mesh carries the band, and "
             f"at least {survey['apart']:.0f} m (half a wavelength of S) from every receiver"
         )
     if survey["mesh_error_missing"]:
         lines.append(survey["mesh_error_missing"])
-    return lines
+    return lines + survey["uncertain"]
 
 
 def beside_laboratory(row) -> str:

@@ -251,10 +251,13 @@ def _drives(bank, sources, numbers):
 def _turned(bank, number, size):
     """Return spectra (3 n_receivers, n_frequencies) of one place in receiver components."""
     spectra = np.asarray(scipy.fft.rfft(bank.response[number], size))
-    for receiver, (east, north, _) in zip(bank.receivers, spectra, strict=True):
+    for receiver, three in zip(bank.receivers, spectra, strict=True):
+        east, north, _ = three
         if receiver.azimuth is not None:
             sine, cosine = np.sin(receiver.azimuth), np.cos(receiver.azimuth)
             east[:], north[:] = sine * east + cosine * north, cosine * east - sine * north
+        if receiver.normal is not None:
+            three[:] = np.outer(receiver.normal, np.asarray(receiver.normal) @ three)
     return spectra.reshape(-1, spectra.shape[-1])
 
 

@@ -336,8 +336,8 @@ def greens_functions(
     within : float, m
         Holes within this distance share a response; see `cluster_error`.
     side : str, optional
-        "source": one run per place; "receiver": three per receiver, by reciprocity. None: the side
-        with fewer runs.
+        "source": one run per place; "receiver": three per receiver, or one where it has a normal,
+        by reciprocity. None: the side with fewer runs.
     folder : path, optional
         Cache folder.
     executor : Executor, optional
@@ -369,11 +369,12 @@ def greens_functions(
     checked = _check_no_slip(model, duration, folder)
     summary = f"{summary}; {checked}" if checked else summary
     log.info("stored responses: %s", summary)
-    numbers = list(range(len(parts) if chosen == "source" else 3 * len(model.receivers)))
+    pushes = _pushes(model.receivers)
+    numbers = list(range(len(parts) if chosen == "source" else len(pushes)))
     results = _collect(unloaded, duration, chosen, numbers, folder, executor)
     response = np.stack([arrays["response"] for arrays in results])
     if chosen == "receiver":
-        response = response.reshape(len(model.receivers), 3, len(parts), -1).transpose(2, 0, 1, 3)
+        response = _in_components(model.receivers, pushes, response)
     dt = float(results[0]["dt"])
     return GreensFunctions(
         units, parts, model.receivers, np.ascontiguousarray(response), dt, within, chosen,
@@ -422,7 +423,7 @@ def _places(sources, within):
 
 def _choose(side, units, n_source, receivers):
     """Return the side with fewer runs, or the requested one, and a sentence about it."""
-    n_receiver = 3 * len(receivers)
+    n_receiver = len(_pushes(receivers))
     columns = any(isinstance(unit, Column) for unit in units)
     if columns and side == "receiver":
         raise InputError(
@@ -477,9 +478,9 @@ def _key(model, duration, side, number):
         part = _parts(model)[number]
         alone = replace(model, sources=[model.sources[part[0]]])
         return input_hash(side, alone, part[1], duration)
-    receiver = model.receivers[number // 3]
-    at = np.asarray(receiver.position, dtype=float)
-    return input_hash(side, replace(model, receivers=()), at, number % 3, duration)
+    receiver, direction = _pushes(model.receivers)[number]
+    at = np.asarray(model.receivers[receiver].position, dtype=float)
+    return input_hash(side, replace(model, receivers=()), at, direction, duration)
 
 
 def _run_group(model, duration, side, numbers, folder):
@@ -521,14 +522,35 @@ def _from_receivers(model, prepared, numbers):
     return [np.ascontiguousarray(response) for response in responses]
 
 
+def _pushes(receivers):
+    """Return receiver number and direction (3,) of the forces that stand for its components.
+
+    Three along the axes, or one along the normal of a receiver of one component.
+    """
+    return [
+        (number, np.array(direction))
+        for number, receiver in enumerate(receivers)
+        for direction in (np.eye(3) if receiver.normal is None else [receiver.normal])
+    ]
+
+
+def _in_components(receivers, pushes, response):
+    """Return responses (n_pushes, n_parts, n_steps) by receiver along east, north, vertical."""
+    motion = np.zeros((response.shape[1], len(receivers), 3, response.shape[2]))
+    for (receiver, direction), along in zip(pushes, response, strict=True):
+        motion[:, receiver] += direction[:, None] * along[:, None]
+    return motion
+
+
 def _receiver_loads(model, prepared, number):
     """Return the loads of a unit step of force at a receiver, along one axis: its own weights."""
-    zone, local = locate(model.mesh, model.receivers[number // 3].position)
+    receiver, direction = _pushes(model.receivers)[number]
+    zone, local = locate(model.mesh, model.receivers[receiver].position)
     nodes = model.nodes.zone_nodes[zone[0]]
     n_steps = prepared.n_steps + 1
     return {
         "load_node": nodes,
-        "load_vector": np.outer(model.nodes.shapes(local)[0], np.eye(3)[number % 3]),
+        "load_vector": np.outer(model.nodes.shapes(local)[0], direction),
         "load_history": np.zeros(len(nodes), dtype=np.int32),
         "load_delay": np.zeros(len(nodes)),
         "load_member": np.full(len(nodes), -1, dtype=np.int32),

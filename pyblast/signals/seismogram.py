@@ -264,6 +264,15 @@ class Seismogram:
                 f"{nyquist:g} Hz, got {', '.join(f'{c:g}' for c in corners)} Hz"
             )
 
+    def along(self, normal: Sequence[float]) -> "Seismogram":
+        """Return what of a motion along east, north and vertical lies along a unit vector (3,).
+
+        A component across the vector is zero, one that was not recorded does not count there.
+        """
+        unit = np.asarray(normal, dtype=float)
+        along = np.where(unit == 0.0, 0.0, self.velocity) @ unit
+        return replace(self, velocity=np.outer(along, unit))
+
     def rotated(self, azimuth: float) -> "Seismogram":
         """Rotate the horizontal components: east, north to longitudinal, transverse, or back.
 

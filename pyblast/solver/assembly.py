@@ -1,6 +1,6 @@
 """Assembly of a model into kernel arrays, named as the arguments of the kernels."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import pairwise
@@ -45,6 +45,7 @@ from .loads import (
     no_conditions,
     surface_impedance,
 )
+from .time_step import MOST as MOST_PRODUCTS
 from .time_step import CriticalStep, Product, assembled_step, critical_step
 
 Step = tuple[float, CriticalStep]  # time step in s, and the limit behind it
@@ -168,19 +169,45 @@ def patch_arrays(nodes: Nodes, arrays: dict[str, Any]) -> dict[str, np.ndarray]:
     }
 
 
-def time_step(model: Model) -> Step:
-    """Return the time step of a model in s, and the `CriticalStep` that limits it."""
+def time_step(model: Model, progress: Callable | None = None) -> Step:
+    """Return the time step of a model in s, and the `CriticalStep` that limits it.
+
+    The last ones are stored. ``progress`` is called with ("step", products, the most of them).
+    """
+    return _stored_step(model, progress)
+
+
+def _time_step(model, progress):
+    """Search for the time step of a model."""
     mass = model.zone_values("density") * volumes(model.mesh)
     if model.mesh.hexahedral:
         mass = model.nodes.sums(mass)
-        limit = critical_step_of_hexahedra(model, mass, partial(zone_product, model, mass))
+        most = MOST_PRODUCTS * (1 if model.mesh.layer is None else 2)
+        product_of = _counted(partial(zone_product, model, mass), progress, most)
+        limit = critical_step_of_hexahedra(model, mass, product_of)
     else:
         limit = critical_step(model)
         if model.quadratic:
             mass = model.nodes.sums(mass)
             product = explicit_product(model, limit.implicit, mass, zone_product)
+            product = _counted(lambda: product, progress, MOST_PRODUCTS)()
             limit = assembled_step(model, limit, mass, product)
     return model.step_factor * limit.dt * _local_damping_factor(model), limit
+
+
+def _counted(product_of, progress, most):
+    """Return ``product_of``, whose products report how many of the most there were."""
+    if progress is None:
+        return product_of
+    done = 0
+
+    def reported(product, *motion, **rate):
+        nonlocal done
+        done = min(done + 1, most)
+        progress("step", done, most)
+        return product(*motion, **rate)
+
+    return lambda *zones: partial(reported, product_of(*zones))
 
 
 def zone_product(model: Model, mass: np.ndarray, active: np.ndarray | None = None) -> Product:
@@ -253,13 +280,15 @@ def _unrelaxed(model, groups):
     return materials
 
 
-def geometry_arrays(model: Model, step: Step | None = None) -> tuple[dict[str, Any], CriticalStep]:
+def geometry_arrays(
+    model: Model, step: Step | None = None, progress: Callable | None = None
+) -> tuple[dict[str, Any], CriticalStep]:
     """Return the arrays common to all stages, and the `CriticalStep` of the time step.
 
     ``step`` is the result of `time_step`, or the same with a shorter time step. Successive models
     that differ only in sources, receivers and boundaries, such as the blasts of a site, share them.
     """
-    few = len(model.nodes.points) <= MOST_SHARED
+    few, step = len(model.nodes.points) <= MOST_SHARED, step or time_step(model, progress)
     arrays, limit = (_shared_arrays if few else _ground_arrays)(model, step)
     return dict(arrays), limit
 
@@ -267,7 +296,7 @@ def geometry_arrays(model: Model, step: Step | None = None) -> tuple[dict[str, A
 def _ground_arrays(model, step):
     """Return the arrays that depend on mesh, materials and joints."""
     mesh, nodes = model.mesh, model.nodes
-    dt, limit = step or time_step(model)
+    dt, limit = step
     mass = model.zone_values("density") * volumes(mesh)
     node_mass = nodes.sums(mass) + _fill_mass(model)
     drag = nodes.sums(model.zone_damping("alpha") * mass)
@@ -287,6 +316,7 @@ def _ground(model, step):
 
 
 _shared_arrays = stored(_ground_arrays, _ground)
+_stored_step = stored(_time_step, lambda model, _: _ground(model, None))
 
 
 def _tetrahedra(model, contact_node):

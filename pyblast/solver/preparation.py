@@ -168,7 +168,7 @@ def prepare(
         raise InputError(f"duration: must be positive, got {duration:g} s")
     zones = f"model: {len(model.mesh.zones)} zones"
     refuse_beyond_memory(zones, run_bytes(model))
-    geometry, limit = assembly.geometry_arrays(model, step)
+    geometry, limit = assembly.geometry_arrays(model, step, progress)
     n_steps = max(2, math.ceil(duration / geometry["dt"]))  # a seismogram has two samples
     n_samples = n_steps * (1 + len(model.receivers))
     recorded = f"{zones} with {len(model.receivers)} receivers over {n_steps} steps"

@@ -288,8 +288,7 @@ def seismograms(model: Model, motion: np.ndarray, dt: float) -> dict[str, Seismo
     records = {}
     for number, receiver in enumerate(model.receivers):
         record = Seismogram(motion[:, number], dt, 0.5 * dt, receiver.name)
-        turned = record if receiver.azimuth is None else record.rotated(receiver.azimuth)
-        records[receiver.name] = turned
+        records[receiver.name] = receiver.measured(record)
     return records
 
 

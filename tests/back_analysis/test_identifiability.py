@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from command_line import call
-from small_project import INSIDE, written
+from small_project import CARRIED, INSIDE, written
 
 from pyblast import design_survey, load_project
 from pyblast.back_analysis.identifiability import (
@@ -15,7 +15,11 @@ from pyblast.back_analysis.identifiability import (
     Sensitivities,
     intervals,
 )
-from pyblast.back_analysis.survey_design import survey_receivers, with_receivers
+from pyblast.back_analysis.survey_design import (
+    survey_receivers,
+    with_receivers,
+    without_uncertain,
+)
 from pyblast.back_analysis.waveforms import Window, white_noise
 from pyblast.errors import InputError
 from pyblast.inference.covariance import LEVELS
@@ -30,7 +34,16 @@ RANGES = {
     "damping.ratio": (0.005, 0.05),
     "joints.F1.friction_angle_deg": (20, 40),
 }
-SECOND = '\n[[receivers]]\nname = "R2"\nposition_m = [5, 10]\n\n[run]\n'
+SECOND = """
+[[receivers]]
+name = "R2"
+position_m = [5, 10]
+[[receivers]]
+name = "R3"
+position_m = [45, 10]
+
+[run]
+"""
 
 
 def pulse(hertz, at):
@@ -51,10 +64,11 @@ def heard(changes, levels=RIGHT):
 
 
 def table(folder, *, ranges=RANGES, run="duration_s = 0.4", **keys):
-    """Write a project without records and with two receivers; return its path."""
-    keys = {"misfit": "waveform"} | keys
+    """Write a project without records, with two receivers and a candidate; return its path."""
+    keys = {"misfit": "waveform", "receivers": ["R1", "R2"]} | keys
     path = written(
-        folder, ("duration_s = 0.1", run), ("cohesion_kpa = 20", "cohesion_kpa = 500"),
+        folder, *CARRIED[:2], ("low_pass_hz = 20", "low_pass_hz = 15"),
+        ("duration_s = 0.1", run), ("cohesion_kpa = 20", "cohesion_kpa = 500"),
         ("tension_kpa = 0", "tension_kpa = 1e6"), ("\n[run]\n", SECOND),
     )  # fmt: skip
     lines = ["[back_analysis]", *(f"{key} = {json.dumps(value)}" for key, value in keys.items())]
@@ -215,7 +229,7 @@ def test_the_command_prints_identifiability_and_the_best_candidates(tmp_path):
 
 
 def test_without_a_grid_point_far_enough_the_command_says_so(tmp_path):
-    path = table(tmp_path, candidate_grid=[1, 1])
+    path = table(tmp_path, candidate_grid=[1, 1], receivers=[])
     crowd = "".join(
         f'\n[[receivers]]\nname = "C{x}"\nposition_m = [{x}, 10]\n' for x in range(15, 60, 15)
     )
@@ -259,6 +273,35 @@ def test_candidates_stand_outside_the_layer_of_a_mesh_that_is_turned_to_the_stri
     assert len(points) > 3
     assert mesh.layer.depths(np.array(points)).max() <= 0.0
     with_receivers(project, survey_receivers([project], ["house"], 10.0)).model  # noqa: B018
+
+
+def test_candidates_near_a_source_or_behind_a_coarse_mesh_do_not_count(tmp_path):
+    project = load_project(written(tmp_path, text=INSIDE + SPEEDS))  # holes near (14, 10)
+    receivers = survey_receivers([project], ["house"], 2.0)
+
+    counted, words = without_uncertain([project], receivers, 20.0)
+    none, low = without_uncertain([project], receivers, 120.0)
+
+    gone = {row.name for row in receivers} - {row.name for row in counted}
+    assert gone == {f"18, {north} m" for north in (2, 8, 12, 18)}
+    assert "D38" in words[0]
+    assert all(name in words[0] for name in gone)
+    assert [row.name for row in none] == ["house"]  # those of the survey stay
+    assert "D40" in low[-1]
+    assert "120 Hz" in low[-1]
+
+
+def test_a_survey_counts_what_its_mesh_carries_and_no_receiver_beside_a_hole(tmp_path):
+    at_hole = ('[[receivers]]\nname = "house"', '[[receivers]]\nname = "pit"\n'
+               'position_m = [14, 12]\n[[receivers]]\nname = "house"')  # fmt: skip
+    band = ("duration_s = 0.1", "duration_s = 0.4\ncompare_band_hz = [5, 70]")
+    text = SPEEDS.replace("[back_analysis]", '[back_analysis]\nmisfit = "paper"\n'
+                          "candidate_grid = [2, 1]")  # fmt: skip
+    plan, _ = design_survey(written(tmp_path, at_hole, band, text=INSIDE + text))
+
+    assert [row.name for row in plan.receivers if row.in_survey] == ["house"]
+    assert plan.window.band == (5.0, pytest.approx(27.0, abs=0.1))  # 1700 m/s in ten mean edges
+    assert "records are compared from 5 to 27 Hz and not to 70" in plan.uncertain[-1]
 
 
 def test_a_check_of_a_project_without_records_points_to_the_survey_design(tmp_path):

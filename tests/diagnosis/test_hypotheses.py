@@ -21,7 +21,7 @@ from pyblast.workflows.diagnose import diagnose
 
 DELAYS = Effect("delay_scatter", "B1", ((0.0, 0.0, 0.0),))
 AMPLITUDE = {"joint_nonlinear_closure", "joint_slip"}
-WITHOUT_TABLES = {"candidate", "source_function"}  # no [[diagnosis.candidates]], no point forces
+WITHOUT_TABLES = {"candidate", "side", "source_function"}  # no suspects, body or point forces
 
 
 def heard(site):

@@ -249,7 +249,7 @@ def test_a_candidate_changes_a_listed_fault_and_a_material():
     ("candidate", "message"),
     [
         ({"name": "nothing"}, "changes nothing"),
-        ({"name": "box", "mesh": {"size_m": [1.0, 1.0, 1.0]}}, "the box of the project stays"),
+        ({"name": "box", "mesh": {"file": "a.msh"}}, "the ground is described by layers"),
         ({"name": "bad", "mesh": {"edge": 3.0}}, "candidates.bad: mesh.edge: unknown key"),
         ({"name": "rock", "materials": {"rock": {"cs_m_per_s": -1.0}}}, "must be positive"),
         ({"name": "flat", "mesh": {"layers": [{"material": "clay"}]}}, "must be one of rock"),

@@ -104,6 +104,67 @@ def test_the_area_of_a_plane_under_a_hill_is_that_of_a_closed_form():
     assert row.built == pytest.approx(120.0 * 60.0, rel=1e-9)
 
 
+def test_the_ground_under_positions_that_stand_on_it_is_judged():
+    ramp = np.array([[x, y, 0.1 * x] for x in (0.0, 120.0) for y in (0.0, 90.0)])
+    ground = asked(surface=ramp)
+    mesh = hexahedra(ground)
+    lower = replace(
+        mesh, points=mesh.points - [0.0, 0.0, 3.0], places=mesh.places - [0.0, 0.0, 3.0]
+    )
+    positions = {"on": (60.0, 40.0), "surveyed": (30.0, 40.0, 3.5), "deep": (30.0, 40.0, -20.0),
+                 "below": (90.0, 50.0, 7.5), "beside": (200.0, 40.0)}  # fmt: skip
+
+    def judged(mesh):
+        rows = as_built(mesh, ground, WAVE, positions)
+        return {row.name: row for row in rows if row.name in positions}
+
+    assert {name: row.good for name, row in judged(mesh).items()} == {"on": True, "surveyed": True}
+    wrong = {name: (row.quantity, row.asked, row.built) for name, row in judged(lower).items()}
+    assert wrong == {
+        "on": ("height of the ground there, m", pytest.approx(6.0), pytest.approx(3.0)),
+        "surveyed": (
+            "height of the ground there, m",
+            pytest.approx(3.0),
+            pytest.approx(0.0, abs=1e-6),
+        ),
+        "below": ("outside of the ground, m", 0.0, pytest.approx(1.5, abs=0.02)),
+    }
+
+
+def step_at(x):
+    """Return the triangles of ground that steps down by 9 m."""
+    upper = [[[0, 0, 0], [x, 0, 0], [x, 90, 0]], [[0, 0, 0], [x, 90, 0], [0, 90, 0]]]
+    lower = [[[x, 0, -9], [120, 0, -9], [120, 90, -9]], [[x, 0, -9], [120, 90, -9], [x, 90, -9]]]
+    return np.array(upper + lower, dtype=float)
+
+
+def test_a_crest_elsewhere_is_seen():
+    mesh = build_mesh(BOX, ROCK, edge=15.0, surface=step_at(60))
+
+    assert wrong(mesh, asked(surface=step_at(60))) == set()
+    assert ("top", "share of its plan at another height") in wrong(mesh, asked(surface=step_at(62)))
+
+
+def test_a_point_of_a_fault_above_the_ground_is_said():
+    ground = asked([fault(60, 90, (60.0, 45.0, 7.0))])
+
+    rows = {row.quantity: row for row in as_built(hexahedra(ground), ground, WAVE)}
+
+    assert rows["its point above the ground, m"].built == pytest.approx(7.0)
+    assert rows["its point above the ground, m"].good
+
+
+def test_ground_of_benches_has_the_height_of_its_crest():
+    ground = asked(surface=step_at(60))
+    mesh = build_mesh(BOX, ROCK, edge=15.0, surface=ground.surface)
+    positions = {"upper": (30.0, 40.0), "crest": (60.0, 40.0), "toe": (60.1, 40.0)}
+
+    rows = [row for row in as_built(mesh, ground, WAVE, positions) if row.name in positions]
+
+    assert [row.asked for row in rows] == pytest.approx([0.0, 0.0, -9.0])
+    assert all(row.good for row in rows)
+
+
 def test_a_position_on_a_joint_has_a_side_and_its_layer_a_depth():
     ground = asked([fault(90, 90)], layers=[Layer("soil", 20.0), Layer("rock")])
     mesh = hexahedra(ground).split(["F"])

@@ -119,6 +119,22 @@ def test_fine_parts_have_smaller_hexahedra_and_high_orders_are_refused():
         built(order=5)
 
 
+def test_another_trial_is_made_while_it_may_shorten_a_run(monkeypatch):
+    works = {1.0: 400.0, 0.93: 120.0, 0.86: 130.0, 0.8: 50.0}
+    tried, mesh = [], built(faults=(), edge=30.0)
+    cubes = len(mesh.zones) * 3**3 / 30.0
+
+    def cut(_, sizes, *__):
+        tried.append(sizes[0] / 30.0)
+        return mesh
+
+    monkeypatch.setattr(subdivided, "_cut", cut)
+    monkeypatch.setattr(subdivided, "explicit_work", lambda _: works[tried[-1]] * cubes / tried[-1])
+    built(faults=(), edge=30.0)
+
+    assert tried == pytest.approx([1.0, 0.93, 0.86])
+
+
 def test_the_top_is_raised_to_its_survey_within_its_planes(monkeypatch):
     x, y = np.meshgrid(np.arange(-20.0, 101.0, 5.0), np.arange(-20.0, 81.0, 5.0))
     height = 8.0 * np.exp(-(((x - 45.0) / 22.0) ** 2) - ((y - 30.0) / 20.0) ** 2)

@@ -71,7 +71,7 @@ def inner(folder, name):
         ("vp = 2800, vs = 1600", "vp = 28, vs = 21", "layers.rock: speeds must lie in 30"),
         ("vp = 2800, vs = 1600", "vp = 2.8, vs = 1.6", "which looks like km/s"),
         ("position = 60", "position = 260", "joints.J1.position: must lie within the box"),
-        ("x = 110, y = 30", "x = 810, y = 30", "receivers.R3: lies outside of the box"),
+        ("x = 110, y = 30", "x = 810, y = 30", "receivers.R3.position_m: lies outside"),
         ('id = "R2"', 'id = "House"', "station 'R2' of its records is no receiver"),
         (
             "layers = [",

@@ -1,12 +1,22 @@
 """Grounds of every kind through project files: built as asked for, and by which elements."""
 
+import time
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
 import pytest
+from scipy.interpolate import LinearNDInterpolator
 
 from pyblast import simulate
 from pyblast.config.config import check_config
+from pyblast.mesh.gmsh import MeshingError
+from pyblast.mesh.hexahedral import swept
+from pyblast.mesh.mesh import locate
+from pyblast.mesh.quality import explicit_work
+from pyblast.project import elements
+from pyblast.project.checks import check
+from pyblast.project.places import on_ground
 from pyblast.project.project import make_project
 
 SIDES = ["west", "east", "south", "north", "bottom", "top"]
@@ -74,6 +84,10 @@ SITES = [
     fault("F1", 56, 248.9, (96.37, 90.2, 80)), fault("F2", 56, 248.9, (126.97, 102.0, 80)),
     fault("F3", 56, 248.9, (142.92, 110.84, 58), (95, 53.07)),
 ]  # fmt: skip
+OTHERS = [
+    fault("F1", 60, 298.9, (131.06, 96.69, 80)), fault("F2", 60, 298.9, (101.91, 112.78, 80)),
+    fault("F3", 60, 298.9, (60.42, 132.82, 58), (95, 50.81)),
+]  # fmt: skip
 MEETING = [fault("F", 60, 90, (60, 45, 60)), fault("G", 50, 270, (110, 45, 60))]
 OBLIQUE = [fault("F", 60, 90, (50, 45, 60)), fault("G", 70, 40, (110, 60, 60))]
 ACROSS = [fault("F", 60, 90, (100, 80, 60)), fault("G", 90, 0, (100, 80, 30), (60, 30))]
@@ -109,6 +123,9 @@ GROUNDS = {
         size=(200, 90, 60), sets=[joints(0, 0, 20.0)], survey=hill((200, 90), 20.0), **BELOW
     ),
     "three parallel, one limited": dict(size=(228, 194, 80), faults=SITES, force=(40, 40, 61)),
+    "three parallel, another limited": dict(
+        size=(232, 210, 80), faults=OTHERS, force=(40, 40, 61)
+    ),
     "two dips that meet": dict(size=(160, 90, 60), faults=MEETING, force=(20, 40, 41)),
     "two dips and strikes": dict(size=(160, 120, 60), faults=OBLIQUE, force=(20, 40, 41)),
     "set and layer beside a fault": dict(
@@ -131,6 +148,86 @@ def test_the_ground_is_built_as_the_file_asks(ground, name):
     assert [str(row) for row in built.rows if not row.good] == []
     assert built.mesh.hexahedral
     assert ("of tetrahedra cut" in built.reason) == (name in CUT)
+    nodes = len(built.mesh.zones) * built.mesh.order**3
+    assert explicit_work(built.mesh) < 50.0 * nodes  # 2 cm between nodes: no step of 1e-8 ms
+
+
+def test_more_receivers_leave_the_planes_of_a_set_as_they_are(ground):
+    parts = GROUNDS["oblique set"]
+    places = [(100, 100), (110, 95), (95, 105), (112, 108), (120, 110)]
+    more = [{"name": f"R{n}", "position_m": [*at, 60]} for n, at in enumerate(places)]
+
+    one, other = ground(**parts).ground, ground(**parts, receivers=more).ground
+
+    np.testing.assert_array_equal(other.mesh.points, one.mesh.points)
+    assert [row.built for row in other.rows if row.quantity == "planes"] == [9.0]
+
+
+def test_one_fault_in_flat_ground_is_no_reason_for_a_finding(ground):
+    """As the quick start: neither facets in the layer nor dashpots behind it are doubtful."""
+    project = ground(faults=[fault("F", 70, 90, (60, 45, 60))], force=(30, 40, 41))
+
+    checked = check(project, measure=False)
+
+    assert project.mesh.layer is not None
+    assert {"D22", "D37", "D39"}.isdisjoint(finding.code for finding in checked.findings)
+
+
+def test_the_step_of_ground_with_quality_factors_is_found_in_seconds(ground):
+    soft = {"density_kg_per_m3": 2000, "cp_m_per_s": 900, "cs_m_per_s": 450}
+    quality = {"qp": 40, "qs": 20, "quality_band_hz": [1, 60]}
+    project = ground(
+        size=(300, 160, 60),
+        materials={"rock": ROCK | quality, "deep": DEEP, "soil": soft | quality},
+        layers=[{"material": "soil", "thickness_m": 6.0}, {"material": "rock"}],
+        force=(40, 40, 41), receiver=(250, 120, 60),
+    )  # fmt: skip
+    told = []
+    began = time.process_time()
+
+    check(project, measure=False, progress=lambda *report: told.append(report))
+
+    assert time.process_time() - began < 20.0  # it was 280 s
+    assert 20 <= sum(stage == "step" for stage, _, _ in told) <= 80
+
+
+def test_every_place_of_a_hill_has_its_height_on_cut_tetrahedra(ground):
+    size, heights = (160, 120), hill((160, 120), 9.0)
+    project = ground(size=(*size, 60), faults=OBLIQUE, survey=heights, **BELOW)
+    mesh = project.mesh
+    survey = np.array([[float(v) for v in line.split(",")] for line in heights.split()[1:]])
+    surface = LinearNDInterpolator(survey[:, :2], survey[:, 2])
+    plan = np.random.default_rng(1).uniform((0.0, 0.0), size, (400, 2))
+
+    assert "of tetrahedra cut" in project.ground.reason
+    built = np.array([on_ground(mesh, at)[2] for at in plan])
+    off = built - surface(plan)
+    assert np.sqrt(np.mean(off**2)) < 0.02 * 1700 / 30
+    locate(mesh, np.column_stack([plan, built]), 1e-6)
+
+
+def test_a_candidate_that_fails_makes_room_for_the_next(ground, monkeypatch):
+    """Zones that lack under a receiver, an error of the mesher: no reason to refuse a ground."""
+    parts = dict(faults=[fault("F", 60, 90, (90, 45, 60))], receiver=(20, 45))
+    assert "swept" in ground(**parts).ground.reason
+
+    def pierced(*arguments):
+        mesh = swept.build(*arguments)
+        outer = np.concatenate([faces.ravel() for faces in mesh.surfaces.values()])
+        away = np.linalg.norm(mesh.points[mesh.zones].mean(axis=1) - [21, 43, 8], axis=1)
+        keep = (away > 30.0) | np.isin(mesh.zones, outer).any(axis=1)
+        return replace(mesh, zones=mesh.zones[keep], zone_group=mesh.zone_group[keep])
+
+    def failing(*_):
+        raise MeshingError("gmsh could not mesh the section")
+
+    monkeypatch.setitem(elements.BUILDERS, "between the planes", failing)
+    monkeypatch.setitem(elements.BUILDERS, "swept along one direction", pierced)
+    built = ground(**parts | {"receiver": (21, 43, 8)}).ground
+
+    assert "of tetrahedra cut" in built.reason
+    assert "gmsh could not mesh the section" in built.reason
+    assert "receivers.A, outside of the ground, m" in built.reason
 
 
 def turned(position, quarter):

@@ -145,7 +145,7 @@ REFUSED = [
     ("start without speed", PRESSURE.replace("speed_m_per_s = 500\n", ""), "",
      "pressures[1]: start_m and speed_m_per_s go together"),
     ("tensor outside", TENSOR.replace("[20, 10, 12]", "[99, 10, 12]"),
-     "time_s,moment_rate_Nm_per_s", "moment_tensors[1]: "),
+     "time_s,moment_rate_Nm_per_s", "moment_tensors[1].position_m: "),
     ("no tensor", TENSOR.replace("[1, 2, 3, 4, 5, 6]", "[0, 0, 0, 0, 0, 0]"), "",
      "moment_tensors[1]: tensor must not be zero"),
     ("wrong head", PRESSURE, "time_s,force_n", "line 1: missing columns: pressure (pa)"),

@@ -18,6 +18,7 @@ from pyblast.project.level import (
     anchoring_law,
     energy_finding,
     expected_peaks,
+    frequency_words,
     implausible_level,
     incident_energy,
     input_peaks,
@@ -44,6 +45,19 @@ LAW = ("pressure_mpa = 100", 'law = "AS 2187.2-1993"\ndistance_m = 40')
 def finding_of(path):
     project = load_project(path)
     return level_findings(project, expected_peaks(project))
+
+
+@pytest.mark.parametrize(
+    ("given", "assumed"),
+    [(("peak_time_ms = 40\n", ""), True),
+     (("peak_time_ms = 40", "frequency_hz = 12"), False),
+     (("radius_m = 0.5", "radius_m = 0.5"), False)],
+)  # fmt: skip
+def test_a_frequency_that_nobody_gave_is_said_beside_the_limits(tmp_path, given, assumed):
+    words = frequency_words(load_project(written(tmp_path, given, text=INSIDE)))
+
+    assert ("20 Hz assumed for each hole" in words) == assumed
+    assert bool(words) == assumed
 
 
 def blast(times, charge, east):

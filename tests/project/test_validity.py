@@ -1,9 +1,12 @@
 """Where a run holds: the ground on the way counts, frequencies above what it carries do not."""
 
+import re
+
 import numpy as np
 import pytest
 from small_project import INSIDE, written
 
+from pyblast.errors import InputError
 from pyblast.project.checks import check
 from pyblast.project.project import load_project
 from pyblast.project.result import compliance_table, simulated_table
@@ -99,3 +102,42 @@ def test_a_check_does_not_fail_on_a_low_pass_that_the_program_chose(tmp_path):
 
     assert project.inside.low_pass is not None
     assert {finding.code for finding in found if finding.failed} <= {"D40"}
+
+
+UNSIZED = ("\ngrid_cells = [12, 4, 6]", "")
+LOOSE = (
+    ('[[mesh.layers]]\nmaterial = "rock"',
+     '[[mesh.layers]]\nmaterial = "soil"\nthickness_m = 4\n[[mesh.layers]]\nmaterial = "rock"'),
+    ("[materials.rock]",
+     "[materials.soil]\ndensity_kg_per_m3 = 1900\ncp_m_per_s = 1000\ncs_m_per_s = 600\n"
+     "[materials.rock]"),
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("changes", [(), LOOSE, (("size_m", 'kind = "tetrahedra"\nsize_m'),)])
+def test_a_mesh_without_a_size_carries_the_blast_in_each_layer(tmp_path, changes):
+    project = load_project(written(tmp_path, UNSIZED, *changes, text=INSIDE))
+
+    band = band_of(project)
+
+    (sized,) = re.findall(r"sized for the (\S+) Hz of the blast", project.ground.reason)
+    assert band.needed <= float(sized) < 1.5 * band.needed
+    assert band.complete
+    assert band.carried > 0.95 * float(sized)
+    edges = project.model.mean_edges()
+    assert len(edges) == 1 or edges["soil"] < 0.7 * edges["rock"]  # no layer sets that of all
+
+
+def test_a_mesh_with_a_size_keeps_it(tmp_path):
+    sized = load_project(written(tmp_path, ("grid_cells = [12, 4, 6]", "edge_m = 7"), text=INSIDE))
+
+    assert "sized for" not in sized.ground.reason
+
+
+def test_nothing_that_says_how_fine_the_ground_shall_be_is_refused(tmp_path):
+    air = ("[holes_inside.charged_hole]", "[air_blast]\nduration_ms = 30\npressure_kpa = 2\n"
+           "reference_m = 10\nexponent = 1.2\n[holes_inside.charged_hole]")  # fmt: skip
+    project = load_project(written(tmp_path, UNSIZED, air, text=INSIDE))
+
+    with pytest.raises(InputError, match=r"project.toml: mesh.edge_m: missing, and no blast says"):
+        project.mesh  # noqa: B018

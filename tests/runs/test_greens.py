@@ -180,3 +180,15 @@ def test_anisotropic_ground_superposes_from_both_sides():
 
     for side in ("source", "receiver"):
         assert gap(greens_functions(model, DURATION, side=side).blast(HOLES[:2]), direct) < 1e-10
+
+
+def test_a_receiver_of_one_component_takes_one_run():
+    normal = Receiver("N", (8.0, 11.0, 17.0), normal=(0.0, -3.0, 4.0))
+    model = jointed(receivers=[normal])
+
+    bank = greens_functions(model, DURATION, side="receiver")
+
+    run = simulate(model, bank.duration).seismograms["N"].velocity
+    found = bank.blast(model.sources)["N"].velocity[: len(run)]
+    assert bank.runs == 1
+    assert found == pytest.approx(run, abs=1e-9 * np.abs(run).max())

@@ -523,6 +523,7 @@ def candidate(project, target):
         joints.append(known[surface])
     materials = {**project.materials, **materials}
     changed = project.changed(
-        materials=materials, joints=joints, mesh=config.mesh, ground=config.ground
-    )
+        materials=materials, joints=joints, mesh=config.mesh, ground=config.ground,
+        boundaries=config.boundaries,
+    )  # fmt: skip
     return changed.changed(mesh=for_band(changed, _highest(project)))

@@ -577,10 +577,8 @@ class _Grid:
         """Return the positions (..., 3) in the ground of coordinates (..., 3) of the grid, in m."""
         q, y, z = np.moveaxis(grid, -1, 0)
         if self.surface is not None:
-            columns, inverse = np.unique(
-                np.stack([q, y], -1).reshape(-1, 2), axis=0, return_inverse=True
-            )
-            ground = self._outcrop(*columns.T)[inverse.ravel()].reshape(q.shape)
+            columns, inverse = np.unique(q.ravel() + 1j * y.ravel(), return_inverse=True)
+            ground = self._outcrop(np.real(columns), np.imag(columns))[inverse].reshape(q.shape)
             stretch = (ground - self.level) / (self.range[2, 1] - self.level)
             z = np.where(z > self.level, self.level + (z - self.level) * stretch, z)
         return np.stack([self._along(q, y, z), y, z], axis=-1) @ self.frame
