@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from survey import BEFORE, DT, FORCE, STEP, Survey
+from survey import BEFORE, DT, FORCE, STEP, STIFFNESSES, Survey
 
 from pyblast.diagnosis.known_shots import (
     EARLY,
@@ -26,10 +26,10 @@ VP = 6200.0  # m/s, of the published model
 LENGTH = 4.1  # m
 COARSE = np.arange(0.96, 1.0401, 0.01)
 FINE = 0.005 * np.arange(-2, 3)  # beside the best of them
-RATIOS = 0.98, 0.99, 1.0, 1.01, 1.02  # of the S speed at one P speed
+RATIOS = 0.985, 1.0, 1.015  # of the S speed at one P speed
 FINALISTS = 4
 KEEP = 2  # samples of the survey to one of the comparison
-SENSOR_LEAD, FLIPPED, ODD_GAIN, LEAST_SPREAD = 12.0, 0.3, 3.5, 0.12
+SENSOR_LEAD, FLIPPED, ODD_GAIN, LEAST_SPREAD = 12.0, 0.3, 4.5, 0.12
 
 
 def compared(survey: Survey, samples=None, band=BAND) -> ShotRecords:
@@ -296,6 +296,7 @@ def decided(part, bank, used, ranked, fixed, answer) -> dict:
     ]  # fmt: skip
     if first is not fixed:
         near = [name for name, value in over.items() if not value.decisive]
+        near = [name for name in near if not is_limit(ranked, name, first.name)]
         gain = over["reference"]
         rest = [name for name in near if name not in ("reference", "speeds")]
         allowed = gain.decisive and gain.general
@@ -319,6 +320,22 @@ def decided(part, bank, used, ranked, fixed, answer) -> dict:
         answer["named"] = [*answer["named"], "loss"]
         answer["outcome"] = "NAMED"
     return answer
+
+
+def is_limit(ranked, name: str, first: str) -> bool:
+    """Return whether a joint has gone to an end of its stiffnesses, where it is the first class.
+
+    Without stiffness it is a free face, and stiff enough it is welded, as published.
+    """
+    if not name.endswith("joint"):
+        return False
+    states = [(each, each.states[k][0]) for each in ranked if each.name == name
+              for k in each.result.chosen]  # fmt: skip
+    ends = {float(member.rpartition(" ")[2]) for _, member in states}
+    free = name.replace("joint", "free")
+    return (ends == {STIFFNESSES[0]} and first == free) or (
+        ends == {STIFFNESSES[-1]} and first in ("reference", "speeds")
+    )
 
 
 def lead_table(value: Lead) -> dict:
