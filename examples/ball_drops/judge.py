@@ -3,9 +3,7 @@
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from survey import BEFORE, DT, FORCE, STEP, STIFFNESSES, Survey
-
-from pyblast.diagnosis.known_shots import (
+from known_shots import (
     EARLY,
     HeldOut,
     Lead,
@@ -19,6 +17,7 @@ from pyblast.diagnosis.known_shots import (
     loss,
     matched,
 )
+from survey import BEFORE, DT, FORCE, STEP, STIFFNESSES, Survey
 
 BAND = 50e3, 100e3  # Hz
 WITNESS = 100e3, 200e3  # Hz, of no fit

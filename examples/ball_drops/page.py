@@ -10,9 +10,7 @@ import numpy as np
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 from judge import Bank, compared, compared_records, motion_of
-from survey import HERE, Survey
-
-from pyblast.diagnosis.known_shots import (
+from known_shots import (
     EARLY,
     WINDOWS,
     ShotRecords,
@@ -20,6 +18,7 @@ from pyblast.diagnosis.known_shots import (
     gains,
     matched,
 )
+from survey import HERE, Survey
 
 BEFORE_COLOUR, AFTER_COLOUR, RECORD = "#c44e52", "#4c72b0", "0.55"
 OCTAVES = (25e3, 50e3), (50e3, 100e3)

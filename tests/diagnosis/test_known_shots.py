@@ -1,9 +1,14 @@
 """Known shots: first arrivals give gains and clocks, and nothing of what comes later."""
 
+import sys
+from pathlib import Path
+
 import numpy as np
 import pytest
 
-from pyblast.diagnosis.known_shots import (
+sys.path.insert(0, str(Path(__file__).parents[2] / "examples" / "ball_drops"))
+
+from known_shots import (
     ShotRecords,
     gains,
     held_out,

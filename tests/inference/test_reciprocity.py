@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy import signal
 
-from pyblast.diagnosis.known_shots import in_band
 from pyblast.errors import InputError
 from pyblast.inference.reciprocity import mirrored_across, responses, same_along
 from pyblast.model.model import Receiver
@@ -14,6 +14,7 @@ from pyblast.project.project import Project
 from pyblast.solver.run import simulate
 
 DT, DURATION = 5e-7, 4e-5
+BAND = signal.butter(4, (50e3, 100e3), "bandpass", fs=1.0 / DT, output="sos")
 TIMES = 1e-7 * np.arange(160)
 FORCE = TimeFunction(np.sin(np.pi * np.minimum(TIMES / 1.6e-5, 1.0)) ** 2, 1e-7)
 SHOTS = np.array([[0.5, 0.005, 0.0], [0.55, -0.01, 0.0], [0.62, 0.0, 0.0]])
@@ -65,7 +66,8 @@ def test_one_run_gives_the_motion_of_every_pair():
     assert found.runs == 1
     motion = found.driven(FORCE)[:, :70]
     for sensor, shot, each in zip(SENSORS, SHOTS, motion, strict=True):
-        run, each = in_band(np.array([direct(project, sensor, shot), each]), DT, (50e3, 100e3))
+        run = direct(project, sensor, shot)
+        run, each = signal.sosfiltfilt(BAND, np.pad([run, each], ((0, 0), (200, 200))))
         assert np.sum((each - run) ** 2) < 2e-3 * np.sum(run**2)
 
 
