@@ -205,8 +205,19 @@ def share(summary: dict) -> str:
 
 def _why_not(summary):
     """Return why no effect of the library was accepted."""
-    tested, best = summary["held_out"], " + ".join(summary["evidence"]["best_labels"])
-    if not summary["evidence"]["ranking"]:
+    evidence, tested = summary["evidence"], summary["held_out"]
+    best = " + ".join(evidence["best_labels"])
+    if not evidence["ranking"] and evidence["scores"]:
+        far = [
+            r["parameter"] for r in summary["calibration"] if abs(r["prior_deviation"]) > FAR_OFF
+        ]
+        if far:
+            return (
+                f"the calibration takes it up: {listed(far)} lies more than {FAR_OFF:g} prior "
+                "deviations off, and no effect of the library scores"
+            )
+        return "what scores in the library could not be fitted"
+    if not evidence["ranking"]:
         return "these records can test no effect of the library, so none was tried"
     if tested is None and not summary["finished"]:
         return "the budget of runs ended before all effects of the library were tried"

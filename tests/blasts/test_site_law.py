@@ -171,7 +171,7 @@ def test_command_prints_the_law_and_the_charges_of_a_limit():
 
 
 def test_example_ends_with_a_figure(tmp_path):
-    script = Path(__file__).parents[2] / "examples" / "03_site_law.py"
+    script = Path(__file__).parents[2] / "examples" / "02_site_law.py"
     figure = tmp_path / "law.png"
     environment = os.environ | {"PYTHONPATH": str(script.parents[1]), "MPLBACKEND": "agg"}
     table = script.with_name("site_peaks.csv")

@@ -320,3 +320,17 @@ LIMIT = {
 )  # fmt: skip
 def test_a_detection_limit_is_a_sentence_in_the_unit_of_its_parameter(change, sentence):
     assert detection_limit_rows({"detection_limits": [LIMIT | change]}) == [sentence]
+
+
+@pytest.mark.parametrize(
+    ("deviation", "said"),
+    [(3.4, "rock.cs lies more than 3 prior deviations off"), (0.4, "could not be fitted")],
+)
+def test_what_is_unknown_though_the_misfit_is_small_says_why(deviation, said):
+    found, summary = made("UNKNOWN")
+    evidence = summary["evidence"] | {"ranking": [], "scores": {"joint_slip": 4.0}}
+    calibration = [{"parameter": "rock.cs", "factor": 1.07, "prior_deviation": deviation}]
+
+    text = lead(found, summary | {"evidence": evidence, "calibration": calibration})
+
+    assert said in text
