@@ -5,7 +5,7 @@
     ./dev docs --check --write    writes anew what differs
 
 Without ``--quick`` it takes about twenty minutes on two cores; names of chapters (``quickstart``,
-``proof``, ``demo``) run those alone.
+``proof``, ``gallery``, ``demo``) run those alone.
 """
 
 import io
@@ -31,7 +31,12 @@ from pyblast.project.result import write_bytes, write_text
 
 ROOT = Path(__file__).resolve().parents[1]
 QUICKSTART = ROOT / "docs" / "quickstart.md"
-PAGES = [ROOT / "README.md", QUICKSTART, *sorted((ROOT / "docs" / "guide").glob("*.md"))]
+PAGES = [
+    ROOT / "README.md",
+    QUICKSTART,
+    ROOT / "docs" / "examples.md",
+    *sorted((ROOT / "docs" / "guide").glob("*.md")),
+]
 FACTS = {"labels": lambda: str(len({one.label for one in LIBRARY.values()}))}
 RELATIVE = 0.05  # by which a number may differ, or by one in its last place
 UNLIKE = 0.02  # mean difference of the pixels of pictures, of white against black
@@ -101,6 +106,21 @@ def demo(folder: Path) -> tuple[dict[str, str], dict[str, bytes]]:
     return {}, {"quickstart/gol_e_gohar.png": image_of(report, "Section")}
 
 
+GALLERY = {
+    "house_limits": "python examples/01_house_limits.py house_limits.png",
+    "site_law": "python examples/02_site_law.py examples/site_peaks.csv site_law.png",
+    "best_delays": "python examples/03_best_delays.py best_delays.png",
+}
+
+
+def gallery(folder: Path) -> tuple[dict[str, str], dict[str, bytes]]:
+    """Run the examples that draw one figure each."""
+    for line in GALLERY.values():
+        run(line, folder)
+    images = {name: (folder / f"{name}.png").read_bytes() for name in GALLERY}
+    return {}, {f"gallery/{name}.png": image for name, image in images.items()}
+
+
 CHAPTERS = {
     "quickstart": Chapter(
         quick_start, dict.fromkeys(("first run", "search", "diagnosis"), QUICKSTART),
@@ -108,6 +128,7 @@ CHAPTERS = {
               for name in ("section", "comparison", "values", "residuals", "held_out")),
     ),
     "proof": Chapter(proof, {"proof": ROOT / "README.md"}, ("concealed.png",)),
+    "gallery": Chapter(gallery, {}, tuple(f"gallery/{name}.png" for name in GALLERY)),
     "demo": Chapter(demo, {}, ("quickstart/gol_e_gohar.png",)),
 }  # fmt: skip
 
@@ -210,7 +231,7 @@ def run(line: str, folder: Path) -> str:
     path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
     done = subprocess.run(
         shlex.split(line), cwd=folder, capture_output=True, text=True, check=False,
-        env={**os.environ, "PATH": path, "PYTHONPATH": str(ROOT)},
+        env={**os.environ, "PATH": path, "PYTHONPATH": str(ROOT), "MPLBACKEND": "agg"},
     )  # fmt: skip
     if done.returncode not in (0, 3):
         raise RuntimeError(f"{line}: ended with {done.returncode}: {done.stderr[-2000:]}")

@@ -20,7 +20,7 @@ TRUTH = {  # of examples/fault_from_records/make_records.py
     "materials.limestone.damping.ratio": RATIO,
 }  # fmt: skip
 RECEIVER, TOP = "house", 60.0  # -, Hz
-CLOSED = 0.6  # of examples/05_hidden_closure.py
+CLOSED = 0.6  # of examples/04_hidden_closure.py
 
 
 def sentence(summary: dict) -> str:

@@ -1,6 +1,7 @@
 """Tables of docs/reference: the hypotheses and the thresholds of a diagnosis.
 
-`python -m docs.reference_tables PAGE` writes those of a page anew.
+`python -m docs.reference_tables PAGE` writes those of a page anew, `--grounds` that of hypotheses
+by ground, too, for which the small site of the tests is meshed on each ground.
 """
 
 import re
@@ -39,6 +40,23 @@ def thresholds() -> str:
 TABLES = {"library": hypotheses, "thresholds": thresholds}
 
 
+def grounds() -> str:
+    """Return the number of targets of each hypothesis on each ground as a table in Markdown.
+
+    Of those that differ; the others are asked on every ground.
+    """
+    sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "cases"))
+    from grounds import GROUNDS, case_on  # the small site of the tests
+
+    cases = [case_on(ground) for ground in GROUNDS]
+    rows = []
+    for name, entry in sorted(LIBRARY.items()):
+        cells = [str(len(entry.targets(case)) or "–") for case in cases]
+        if "–" in cells:
+            rows.append(f"| `{name}` | {' | '.join(cells)} |")
+    return _table(f"| hypothesis | {' | '.join(GROUNDS)} |", rows)
+
+
 def _table(head, rows):
     """Return a table in Markdown."""
     return "\n".join([head, "|---" * (head.count("|") - 1) + "|", *rows])
@@ -61,15 +79,18 @@ def _parameter(one):
     return f"{one.name}{each} {one.mean:g} {doubt}{unit}, {one.low:g} to {one.high:g}"
 
 
-def written(text: str) -> str:
+def written(text: str, tables=None) -> str:
     """Return a page with its tables as they are now, between comments with their names."""
-    for name, table in TABLES.items():
+    for name, table in (tables or TABLES).items():
         pattern = rf"(?s)<!-- {name} -->.*<!-- end of {name} -->"
+        if f"<!-- {name} -->" not in text:
+            continue
         made = f"<!-- {name} -->\n{table()}\n<!-- end of {name} -->"
         text = re.sub(pattern, lambda _, made=made: made, text)
     return text
 
 
 if __name__ == "__main__":
-    page = Path(sys.argv[1])
-    write_text(page, written(page.read_text(encoding="utf-8")))
+    page = Path(sys.argv[-1])
+    asked = TABLES | ({"grounds": grounds} if "--grounds" in sys.argv else {})
+    write_text(page, written(page.read_text(encoding="utf-8"), asked))

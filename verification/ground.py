@@ -7,8 +7,8 @@ points thrown on what the file asks for and on what stands in the mesh: no code 
 none of their survey is used. Some projects are turned by quarters and mirrored; their records must
 turn with them. Others, between sides that reflect, run on hexahedra and on quadratic tetrahedra,
 each on two meshes; the motions must agree within the errors that the finer meshes show.
-Writes the rows that ``verification/ground.json`` lacks, and their summary; COUNT
-300, seed 2026, 25 minutes unless given otherwise.
+Writes the rows that ``verification/ground.json`` lacks, their summary, and the table of
+docs/quality/verification.md; COUNT 300, seed 2026, 25 minutes unless given otherwise.
 """
 
 import sys
@@ -24,12 +24,15 @@ from pyblast.config.config import check_config
 from pyblast.errors import PyblastError
 from pyblast.mesh.mesh import locate
 from pyblast.project.project import make_project
+from pyblast.project.result import write_text
 from pyblast.solver.injection import near_receivers
 from pyblast.solver.run import simulate
 
 from .rows import each_row, options, read_rows
 
 OUT = Path(__file__).with_suffix(".json")
+PAGE = OUT.parents[1] / "docs" / "quality" / "verification.md"
+BEGIN, END = "<!-- grounds: from verification/ground.json -->", "<!-- end of grounds -->"
 SEED, COUNT, MINUTES = 2026, 300, 25.0
 SIDES = {"west": (0, 0), "east": (0, 1), "south": (1, 0), "north": (1, 1), "bottom": (2, 0)}
 SHARE = 0.02  # of the wavelength: tolerance of lengths
@@ -477,6 +480,34 @@ def summary(seed: int, rows: dict) -> dict:
     }
 
 
+def table(found: dict) -> list[str]:
+    """Return the lines of the page from a summary."""
+    lines = [
+        f"| projects of seed {found['seed']} | {found['projects']} |",
+        f"| on hexahedra | {found['hexahedra']} |",
+        f"| built otherwise than asked, unsaid | {found['wrong']} |",
+        f"| refused | {found['refused']} |",
+        f"| longest set-up, CPU s | {found['cpu_seconds_worst']:.2g} |",
+    ]
+    if found["turned"]:
+        worst = f"{found['turned_worst']:.1g}"
+        lines += [f"| turned by quarters or mirrored, on hexahedra | {found['turned']} |",
+                  f"| largest difference of their records, of the energy | {worst} |"]  # fmt: skip
+    if found["motion_pairs"]:
+        median, most = (f"{100.0 * part:.2g} %" for part in found["motion_pairs_difference"])
+        apart = f"{median}, at most {most}"
+        lines += [f"| run on hexahedra and on tetrahedra | {found['motion_pairs']} |",
+                  f"| of these within their stated errors | {found['motion_pairs_within']} |",
+                  f"| difference of the elements, of the amplitude | {apart} |"]  # fmt: skip
+    return ["| grounds | |", "|---|---|", *lines]
+
+
+def paged(page: str, found: dict) -> str:
+    """Return the page with the table of a summary."""
+    before, rest = page.split(BEGIN)
+    return f"{before}{BEGIN}\n\n" + "\n".join(table(found)) + f"\n\n{END}" + rest.split(END)[1]
+
+
 def main(arguments: list[str]) -> None:
     """Compute the rows that the file lacks."""
     others, found = options(arguments)
@@ -498,6 +529,7 @@ def main(arguments: list[str]) -> None:
     each_row(OUT, jobs, job, minutes, **found)
     rows = {name: row for name, row in read_rows(OUT).items() if name in jobs}
     each_row(OUT, ["summary"], lambda _: summary(seed, rows), again=True)
+    write_text(PAGE, paged(PAGE.read_text(), read_rows(OUT)["summary"]))
 
 
 if __name__ == "__main__":

@@ -17,6 +17,7 @@ from ..readers.tables import load_mapping, read_table
 
 FEWEST, NARROWEST, BEYOND = 6, 2.0, 1.5
 WANTED_RECORDS, WANTED_R2, CURVED = 30, 0.5, 0.01
+OUTLYING = 0.05  # probability of a record so far from the law of the others
 SURE = 0.95  # required confidence that the peak decreases with distance
 
 
@@ -214,7 +215,7 @@ def fit_site_law(
     slope = float(np.sum((x - middle) * y) / breadth)
     residual = y - y.mean() - slope * (x - middle)
     s = math.sqrt(np.sum(residual**2) / (len(x) - 2))
-    _refuse_no_fall(slope, s / math.sqrt(breadth), len(x))
+    _refuse_no_fall(slope, s / math.sqrt(breadth), len(x), _outlier(x, y))
     r2 = float(1.0 - np.sum(residual**2) / np.sum((y - y.mean()) ** 2))
     return SiteLaw(
         float(10.0 ** (y.mean() - slope * middle)), -slope, charge_exponent, s, len(x), r2,
@@ -234,13 +235,31 @@ def _refuse_poor_places(scaled):
         )
 
 
-def _refuse_no_fall(slope, error, n):
+def _outlier(x, y):
+    """Return which record the law of the others does not allow (95 %), a sentence; else ""."""
+    n, away = len(x), x - x.mean()
+    residual = y - y.mean() - np.sum(away * y) / np.sum(away**2) * away
+    free = 1.0 - 1.0 / n - away**2 / np.sum(away**2)  # share of each error that is left
+    others = (np.sum(residual**2) - residual**2 / free) / (n - 3)
+    size = np.abs(residual) / np.sqrt(np.maximum(others, np.finfo(float).tiny) * free)
+    worst = int(np.argmax(size))
+    if 2.0 * n * scipy.stats.t.sf(size[worst], n - 3) >= OUTLYING:
+        return ""
+    factor = residual[worst] / free[worst]
+    return (
+        f"record {worst + 1} lies {10.0 ** abs(factor):.2g} times "
+        f"{'above' if factor > 0.0 else 'below'} the law of the others; look at its unit, charge, "
+        "distance and instrument, and leave it out if one of them is wrong"
+    )
+
+
+def _refuse_no_fall(slope, error, n, outlier):
     """Raise InputError unless the peaks decrease significantly with distance."""
     if slope + scipy.stats.t.ppf(SURE, n - 2) * error >= 0.0:
         raise InputError(
             f"site law: log PPV changes by {slope:.2f} +- {error:.2f} for each factor of ten of "
             "scaled distance, so it may not fall at all; a wider range of distances and charges "
-            "helps, more of the same records do not"
+            "helps, more of the same records do not" + (f"; {outlier}" if outlier else "")
         )
 
 
@@ -249,6 +268,8 @@ def _notes(x, y, r2):
     notes = []
     if len(x) < WANTED_RECORDS:
         notes.append(f"{len(x)} records; {WANTED_RECORDS} or more make a law to rely on")
+    if outlier := _outlier(x, y):
+        notes.append(outlier)
     if r2 < WANTED_R2:
         notes.append(f"the law explains {100 * r2:.0f} % of the scatter, less than half")
     columns = np.vander(x - x.mean(), 3)

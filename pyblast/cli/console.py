@@ -289,6 +289,14 @@ def show_compared(comparison: "Comparison", level: "Finding | None", air: list[s
     show_findings([level] if level else [])
 
 
+def _band_words(comparison):
+    """Return the band of a comparison, to follow words."""
+    if comparison.band is None:
+        return ""
+    low, high = comparison.band
+    return f", {low:.3g} to {high:.3g} Hz"
+
+
 def show_outcome(outcome: "Outcome") -> None:
     """Print what is implausible, peaks, comparisons, findings and the folder of a run."""
     from ..project.level import CODE, plausible_of_table
@@ -306,7 +314,7 @@ def show_outcome(outcome: "Outcome") -> None:
         say(f"{name}: PPV in mm/s {listed}; vector sum {_short(1e3 * seismogram.pvs)}{range_}")
     say(f"limits: {outcome.result.summary['compliance']['conclusion']}")
     for name, comparison in outcome.comparisons.items():
-        say(f"{name}, recorded and simulated:")
+        say(f"{name}, recorded and simulated{_band_words(comparison)}:")
         show_comparison(comparison)
     for finding in outcome.check.findings:
         if finding in level:
@@ -374,7 +382,7 @@ def show_search(
         say(line)
     for blast, confirmed in result.confirmed.items():
         for name, comparison in confirmed.comparisons.items():
-            say(f"{blast}, {name}, recorded and simulated:")
+            say(f"{blast}, {name}, recorded and simulated{_band_words(comparison)}:")
             show_comparison(comparison, result.target.misfit == "paper")
     show_findings(findings)
     for line in result.missing:

@@ -143,6 +143,7 @@ class RecordingConfig(Section):
     sheet: str | None = None
     bearing_deg: Bearing | None = None
     full_scale_mm_per_s: Positive | None = None
+    accept_clipped: bool = False
     unit: str | None = None
     sensitivity: Positive | None = None
     response_file: str | None = None

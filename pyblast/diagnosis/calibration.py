@@ -16,7 +16,7 @@ from ..project.flat_box import ground_materials
 from ..project.project import Project
 from .case import Case, case_of
 from .forward import Forward
-from .thresholds import SPEED_SIGMA, STIFFNESS_SIGMA, WRONG_UNIT
+from .thresholds import WRONG_UNIT
 from .trusted_shots import learned
 
 SMOOTHING = 0.1  # of the width of the band, over which the transfer function is averaged
@@ -67,19 +67,22 @@ def calibrated_parameters(project: Project) -> tuple[Parameter, ...]:
     """List the parameters that are calibrated in a project, factors as ``rock.cp`` and ``J1.kn``.
 
     Wave speeds of each material, one factor for all of an anisotropic one; stiffnesses of each
-    fault, and of all joint sets that share an entry.
+    fault, and of all joint sets that share an entry. Their priors are those of the table [priors];
+    what it takes as known is not calibrated.
     """
+    priors = project.config.priors
     speeds = [
-        _factor(name, speed, SPEED_SIGMA)
+        _factor(name, speed, 0.01 * priors.speed_percent)
         for name in ground_materials(project)
+        if priors.speed_percent
         for speed in (("cs",) if _is_anisotropic(project.materials[name]) else ("cp", "cs"))
     ]
     known = {joint.surface: joint.properties for joint in project.joints}
     stiffnesses = [
-        _factor(part, key, STIFFNESS_SIGMA)
+        _factor(part, key, 0.01 * priors.stiffness_percent)
         for part, surfaces in _joint_parts(project).items()
         for key in ("kn", "ks")
-        if key in known[surfaces[0]]
+        if key in known[surfaces[0]] and priors.stiffness_percent
     ]
     return (*speeds, *stiffnesses)
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from ..errors import contained
 from .effects import Scene
-from .fitting import Fit, hessian_of
+from .fitting import Fit, hessian_of, unwhitened
 from .hypotheses import blast_and_hole
 from .thresholds import (
     CONSTRAINED,
@@ -17,8 +17,6 @@ from .thresholds import (
     LEAST_LOSS,
     STANDARD_ERRORS,
 )
-
-ROUNDING = 1e-8  # of the largest singular value: what whitening has lost
 
 
 @dataclass(frozen=True)
@@ -220,7 +218,5 @@ def held_out_prediction(scene: Scene, fit: Fit, out) -> np.ndarray:
     likelihood = scene.baseline.likelihood
     band = likelihood.records.band
     step, _ = step_without(scene, fit, out)
-    change = np.tensordot(step, fit.jacobian, 1)
-    coloured = np.linalg.pinv(likelihood.covariance.roots, rcond=ROUNDING, hermitian=True)
-    change = np.einsum("brij,brj->bri", coloured, change).reshape(*out.shape, 3, -1)
+    change = unwhitened(likelihood, np.tensordot(step, fit.jacobian, 1))
     return band.restore(band.project(fit.motion) + change)

@@ -17,6 +17,7 @@ from .null_distribution import NullDistribution
 from .search import Search, material, worst
 from .thresholds import (
     DECISIVE,
+    FAR_OFF,
     MESH_CHANGE,
     MOST_EXPLAINED,
     NULL_LEVEL,
@@ -82,7 +83,7 @@ def decide(
     ----------
     search : Search
     threshold : NullDistribution or None
-        None if no effect was tried.
+        None if no effect was tried, or effects were scored.
     fine : Forward, optional
         Forward simulation on a finer mesh, by which the answer is corrected.
 
@@ -102,11 +103,13 @@ def decide(
     without = search.without_effects
     decision = undecided(search)
     probability, nothing = decision.probability, decision.outcome
-    learned = search.scene.case.share is not None  # then evidence decides, however small
-    if (nothing == "NULL" and not learned) or not search.fits or threshold is None:
+    scored = search.scores is not None
+    learned = scored or search.scene.case.share is not None  # then evidence decides, if small
+    asked = bool(search.fits) and (scored or threshold is not None)
+    if (nothing == "NULL" and not learned) or not asked:
         return decision
     chosen = _pruned(search, threshold)
-    required = _required_evidence(threshold, chosen, *chosen.labels)
+    required = _required_evidence(search, threshold, chosen, *chosen.labels)
     if not chosen.effects or search.delta_ln_evidence(chosen) < required:
         best = chosen if chosen.effects else None
         return Decision(nothing, without, (), probability, 0.0, None, best)
@@ -123,7 +126,7 @@ def decide(
     basis = (probability, share, tested, chosen, mesh_change)
     if not tested.supports or (share < PARTIAL_SHARE and not learned):
         return Decision("UNKNOWN", without, (), *basis)
-    more = more_remains(chosen.chi_square, share)
+    more = more_remains(chosen.chi_square, share) or search.scored_beside(chosen)
     alone = untestable and len(rivals) == 1
     if search.delta_ln_evidence(chosen) < required or FINER_MESH in search.scene.failures:
         rivals = tuple(dict.fromkeys((*chosen.labels, *rivals, RESOLUTION)))
@@ -137,7 +140,9 @@ def decide(
 def undecided(search: Search) -> Decision:
     """Return the decision on a search from which nothing can be concluded about effects."""
     without = search.without_effects
-    outcome = "UNKNOWN" if material(without.chi_square) else "NULL"
+    scored = search.scores is not None and search.left_over(without) >= search.scores.threshold
+    far = np.max(np.abs(without.values / search.scene.baseline.sigma), initial=0.0) > FAR_OFF
+    outcome = "UNKNOWN" if scored or far or material(without.chi_square) else "NULL"
     return Decision(outcome, without, (), _probabilities(search), 0.0, None)
 
 
@@ -250,7 +255,7 @@ def _pruned(search, threshold):
             base for base, label in shorter
             if base is not None and not (
                 search.delta_ln_evidence(chosen) - search.delta_ln_evidence(base)
-                >= _required_evidence(threshold, chosen, label)
+                >= _required_evidence(search, threshold, chosen, label)
                 and cross_validate(search.scene, base, chosen).supports
                 and _stands_out(search.scene.case.receivers, base, chosen, label)
             )
@@ -291,8 +296,10 @@ def _each_is_tested(search, chosen, tested):
     )
 
 
-def _required_evidence(threshold, chosen, *labels):
+def _required_evidence(search, threshold, chosen, *labels):
     """Return the Δ ln evidence that the effects of some labels of a fit require."""
+    if search.scores is not None:
+        return search.scores.threshold
     effects = [effect for effect in chosen.effects if effect.label in labels]
     return max(threshold.threshold(effects), DECISIVE)
 
@@ -311,7 +318,7 @@ def _without(search, chosen, label):
 def _rivals(search, chosen, least=None):
     """Return the labels of fits whose evidence is near that of a set, or above ``least``."""
     if least is None:
-        least = search.delta_ln_evidence(chosen) - DECISIVE
+        least = search.delta_ln_evidence(chosen) - search.lead
     same = [known for known in search.fits if len(known.labels) == len(chosen.labels)]
     near = [known for known in same if search.delta_ln_evidence(known) > least]
     others = [label for known in near for label in known.labels if label not in chosen.labels]

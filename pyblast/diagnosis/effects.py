@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import product
 
 import numpy as np
 from scipy import fft
@@ -253,6 +254,27 @@ class Scene:
         change = np.zeros((len(self.case.blasts), *holes.shape[1:]))
         change[at] = fft.irfft(spectrum.sum(axis=0), size)[..., :n]
         return change
+
+
+def starting_effects(hypothesis: Hypothesis, target: str, scene: Scene) -> list[Effect]:
+    """Return an effect at each starting value of its parameters."""
+    blasts, from_residual = scene.case.project.blasts, ()
+    n_holes = len(blasts[target].times) if target in blasts else 1
+    if hypothesis.begins is not None:
+        with contained({}, f"a starting value of {hypothesis.name}"):
+            from_residual = (hypothesis.begins(scene),)
+    starts = product(*[parameter.starts for parameter in hypothesis.parameters])
+    return [
+        Effect(
+            hypothesis.name,
+            target,
+            tuple(
+                (value,) * (n_holes if parameter.per_hole else 1)
+                for parameter, value in zip(hypothesis.parameters, values, strict=True)
+            ),
+        )
+        for values in (*starts, *from_residual)
+    ]
 
 
 def with_motion_effects(

@@ -9,6 +9,7 @@ from ..inference.gauss_newton import LeastSquares, gauss_newton, normal_equation
 from .effects import Effect, Scene
 from .thresholds import DECISIVE
 
+ROUNDING = 1e-8  # of the largest singular value: what whitening has lost
 DIFFERENCE = 0.1  # of a prior standard deviation, for derivatives
 ROUNDS = 4
 LEAST_DECREASE = 2.0  # of the misfit, Δ ln L of one: a smaller one ends a minimisation
@@ -364,6 +365,22 @@ def _may_equal(fitter, rival, x, motion, decrease):
     floor = fitter.likelihood.misfit_of(np.minimum(rival.chi_square, 1.0), others)
     behind = fitter.objective(x, motion) - decrease + floor - rival.misfit - rival.x @ rival.x
     return behind < 2.0 * CLEARLY
+
+
+def derivatives(scene: Scene, fit: Fit) -> np.ndarray:
+    """Return the derivatives of the motion by the standardised parameters of the effects of a fit.
+
+    (n, n_blasts, n_receivers, 3, n_functions) float64, m/s, in the band.
+    """
+    return unwhitened(scene.baseline.likelihood, fit.effect_jacobian)
+
+
+def unwhitened(likelihood, change) -> np.ndarray:
+    """Return whitened changes (..., n_blasts, n_receivers, m) in the band, by component, m/s."""
+    roots = likelihood.covariance.roots
+    coloured = np.linalg.pinv(roots, rcond=ROUNDING, hermitian=True)
+    held = np.einsum("brij,...brj->...bri", coloured, change)
+    return held.reshape(*change.shape[:-1], 3, change.shape[-1] // 3)
 
 
 def corrected(scene: Scene, fit: Fit, shift) -> Fit:

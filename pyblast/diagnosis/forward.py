@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy.interpolate import make_interp_spline
 
+from ..back_analysis.fit import BETTER
 from ..blasts.blast import Firing
 from ..errors import InputError
 from ..mesh.mesh import locate
@@ -232,7 +233,7 @@ class Forward:
 
 def finer_mesh(project: Project):
     """Return the `MeshConfig` of the mesh by which that of a project is corrected, or None."""
-    return refined(project)
+    return refined(project, BETTER)
 
 
 def geometry(project):
@@ -309,6 +310,16 @@ class Surroundings:
         offset = np.clip((east, north), self.offsets[0], self.offsets[-1])
         centre, moved = (np.multiply.outer(*cardinal(x)) for x in (np.zeros(2), offset))
         return np.tensordot(moved - centre, self.motion[:, receiver], ([0, 1], [1, 2]))
+
+    def slopes(self) -> np.ndarray:
+        """Return the slopes of the motion to the east and to the north.
+
+        (2, n_blasts, n_receivers, 3, n_samples) float64, 1/s.
+        """
+        spline = make_interp_spline(self.offsets, np.eye(len(self.offsets)), 3)
+        at, along = spline(0.0), spline(0.0, 1)
+        pairs = np.multiply.outer(along, at), np.multiply.outer(at, along)
+        return np.array([np.tensordot(pair, self.motion, ([0, 1], [2, 3])) for pair in pairs])
 
 
 def surroundings(forward: Forward, project: Project) -> Surroundings:

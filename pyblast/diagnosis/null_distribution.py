@@ -1,4 +1,4 @@
-"""Null distribution of the evidence, from permuted residuals, and detection limits."""
+"""Null distribution of the evidence, from permuted residuals."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -6,15 +6,13 @@ from itertools import pairwise
 
 import numpy as np
 
-from ..errors import contained
-from .effects import Effect, Scene
-from .fitting import DIFFERENCE, Fit, Fitter, hessian_of
-from .hypotheses import LIBRARY, Hypothesis
-from .search import ScreeningResult, material, starting_effects
-from .thresholds import DECISIVE, LINEAR, NULL_LEVEL, SURROGATES
+from .effects import Effect, Scene, starting_effects
+from .fitting import Fit, Fitter
+from .hypotheses import LIBRARY
+from .search import ScreeningResult
+from .thresholds import DECISIVE, NULL_LEVEL, SURROGATES
 
 SPREAD = 1.645  # standard deviations of 90 % of a normal distribution, both sides
-BISECTIONS = 40
 
 
 @dataclass(frozen=True, eq=False)
@@ -289,111 +287,3 @@ class _LinearFits:
         after = np.maximum(chi_square - drop / self.n_data, 0.0)
         misfit = self.likelihood.misfit_of(after) + np.sum(step**2, axis=-1)
         return -0.5 * (misfit + np.linalg.slogdet(hessian)[1]), misfit
-
-
-def detection_limits(scene: Scene, fit: Fit, least: float = DECISIVE) -> list[dict]:
-    """Compute the detection limits of effects that need no runs, beside a fit.
-
-    Parameters
-    ----------
-    scene : Scene
-    fit : Fit
-    least : float
-        Required Δ ln evidence.
-
-    Returns
-    -------
-    list of dict
-        For each parameter with a null value: ``label``, ``form``, ``target``, ``parameter``,
-        ``unit``, ``per_hole``, ``null_value``, and ``amount``, the deviation from there that would
-        be detected at every target but those ``not_detected_at``. Empty if the fit leaves
-        something unexplained; without parameters that would be detected at no target.
-
-    Notes
-    -----
-    Theory.md (14.7). An amount at which the change is no longer linear has no limit.
-    """
-    limits = []
-    if material(fit.chi_square):
-        return limits
-    for hypothesis in LIBRARY.values():
-        if hypothesis.label in fit.labels or hypothesis.untestable(scene.case):
-            continue
-        for order, parameter in enumerate(hypothesis.parameters):
-            if parameter.null is None:
-                continue
-            targets = hypothesis.targets(scene.case)
-            amounts = dict.fromkeys(targets, np.inf)
-            for t in targets:
-                with contained({}, f"detection limit of {hypothesis.name} at {t}"):
-                    amounts[t] = _detection_limit(scene, fit, hypothesis, t, order, least)
-            finite = [amount for amount in amounts.values() if np.isfinite(amount)]
-            if finite:
-                limits.append({
-                    "label": hypothesis.label, "form": hypothesis.form,
-                    "target": hypothesis.target, "parameter": parameter.name,
-                    "unit": parameter.unit, "per_hole": parameter.per_hole,
-                    "null_value": parameter.null, "amount": max(finite),
-                    "not_detected_at": [t for t, a in amounts.items() if not np.isfinite(a)],
-                })  # fmt: skip
-    return limits
-
-
-def _detection_limit(
-    scene: Scene, fit: Fit, hypothesis: Hypothesis, target: str, order: int, least: float
-) -> float:
-    """Return the detection limit of one parameter at a target, the largest of its holes.
-
-    Holes without a charge radiate nothing and do not count.
-    """
-    parameter, case = hypothesis.parameters[order], scene.case
-    sigma = float(parameter.sigma or 1.0)
-    likelihood, null = scene.baseline.likelihood, float(parameter.null or 0.0)
-    charges = case.project.blasts[target].charge if parameter.per_hole else np.ones(1)
-    live = np.flatnonzero(charges > 0.0)
-    unit = sigma * (null or parameter.mean or 1.0) if parameter.log else sigma
-    step = DIFFERENCE * unit
-    cost = np.log(len(hypothesis.targets(case)) * len(live)) + least
-    farthest = max(abs(e - null) for e in (parameter.low, parameter.high) if np.isfinite(e))
-    residual = likelihood.residual(fit.motion)
-
-    def change(hole, amount):
-        values = [(float(other.mean or 0.0),) for other in hypothesis.parameters]
-        changed = np.full(len(charges), null)
-        changed[hole] += amount
-        values[order] = tuple(changed.tolist())
-        effect = Effect(hypothesis.name, target, tuple(values))
-        return residual - likelihood.residual(scene.received(fit.motion, (effect,)))
-
-    amounts = []
-    for hole in live:
-        slope = change(hole, step) / step
-        amount = _smallest(likelihood, fit, slope, unit, cost, farthest)
-        if np.isfinite(amount):
-            grown = np.sum(change(hole, amount) ** 2) / np.sum((amount * slope) ** 2)
-            amount = amount if 1.0 / LINEAR < grown < LINEAR else np.inf
-        amounts.append(amount)
-    return max(amounts)
-
-
-def _smallest(likelihood, fit, change, unit, cost, farthest):
-    """Return the smallest detected amount of a whitened change; infinite beyond the farthest."""
-    weights = likelihood.weights(fit.chi_square)
-    gradient = np.einsum("ibrm,brm,br->i", fit.jacobian, change, weights, optimize=True)
-    absorbed = np.linalg.solve(hessian_of(fit.jacobian, weights), gradient)
-    change = change - np.tensordot(absorbed, fit.jacobian, 1)
-    chi_square = likelihood.chi_square(change)
-    cost += 0.5 * np.log1p(unit**2 * np.sum(weights * likelihood.n_data * chi_square))
-    before = likelihood.misfit_of(fit.chi_square)
-
-    def detected(amount):
-        after = fit.chi_square + amount**2 * chi_square
-        return material(after) and 0.5 * (likelihood.misfit_of(after) - before) >= cost
-
-    if not detected(farthest):
-        return np.inf
-    low, high = 0.0, farthest
-    for _ in range(BISECTIONS):
-        middle = 0.5 * (low + high)
-        low, high = (low, middle) if detected(middle) else (middle, high)
-    return float(high)

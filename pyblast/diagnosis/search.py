@@ -1,4 +1,4 @@
-"""Search of the library: screening, fits of the best candidates, sets while evidence grows."""
+"""Search of the library: screening or scores, fits of the best, sets while evidence grows."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
@@ -7,16 +7,19 @@ from itertools import product
 import numpy as np
 
 from ..errors import contained
-from .effects import Effect, Scene
+from .effects import Effect, Scene, starting_effects
 from .fitting import Fit, Fitter, fit, fit_calibrated, fit_partly
-from .hypotheses import LIBRARY, Hypothesis
+from .hypotheses import LIBRARY
+from .scores import SiteScores, error_of, members_of
 from .thresholds import (
     DECISIVE,
+    LEAD,
     LEAST_OF_BEST,
     LEAST_SHARE,
     MATERIAL,
     MOST_EFFECTS,
     MOST_EXPLAINED,
+    NOT_LINEAR,
     REMAINS,
 )
 
@@ -25,6 +28,8 @@ REWEIGHTINGS = 6  # rounds of iteratively reweighted least squares
 SIDE_BY_SIDE = 8  # effects that are run together
 REFINED = 4  # effects on the site that are fitted by runs, in the first pass
 REFINED_LATER = 2
+SCORES = "scores of every effect"  # a part of a diagnosis that may fail
+REFITTED = 2  # classes that are fitted by runs, of those that score, in each pass
 UNEXPLAINED = 6  # poor candidates that are fitted by runs, while no fit has enough evidence
 SURELY = 3  # poor candidates that are fitted by runs, while little is explained
 BEAM = 2  # width of the beam search: sets of effects that are extended, if nearly as good
@@ -78,6 +83,8 @@ class Search:
         Whether the budget sufficed for the whole search, and for each effect on its own.
     failed : dict of (str, str) to str
         Hypotheses and targets that could not be simulated at any starting value, with the reason.
+    scores : SiteScores or None
+        Of every hypothesis, where the misfit lies within the usual error.
     """
 
     scene: Scene
@@ -90,11 +97,45 @@ class Search:
     finished: bool = True
     compared: bool = True
     failed: dict[tuple[str, str], str] = field(default_factory=dict)
+    scores: SiteScores | None = None
+    _evidence: dict[int, tuple[Fit, float]] = field(default_factory=dict, repr=False)
+    _beside: dict[int, tuple[Fit, dict]] = field(default_factory=dict, repr=False)
 
     def delta_ln_evidence(self, fit: Fit) -> float:
         """Return the log Bayes factor of a fit over no effect, less ln(targets); (14.3)."""
         penalty = sum(np.log(len(e.hypothesis.targets(self.scene.case))) for e in fit.effects)
-        return fit.log_evidence - self.without_effects.log_evidence - penalty
+        return self.log_evidence(fit) - self.log_evidence(self.without_effects) - penalty
+
+    def log_evidence(self, fit: Fit) -> float:
+        """Return the log evidence of a fit under the learned error, the fixed one without scores.
+
+        Computed once for a fit.
+        """
+        if self.scores is None:
+            return fit.log_evidence
+        if id(fit) not in self._evidence:
+            self._evidence[id(fit)] = fit, self.scores.evidence_of(fit)
+        return self._evidence[id(fit)][1]
+
+    def classes(self, base: Fit | None = None) -> dict[str, float]:
+        """Return the score of each label beside those of a fit, best first; computed once."""
+        if self.scores is None:
+            return {}
+        base = base or self.without_effects
+        if id(base) not in self._beside:
+            self._beside[id(base)] = base, self.scores.beside(base)
+        return {k: v for k, v in self._beside[id(base)][1].items() if k not in base.labels}
+
+    def left_over(self, fit: Fit) -> float:
+        """Return the largest score of a class beside a fit, zero if none is positive."""
+        return max([0.0, *self.classes(fit).values()])
+
+    def scored_beside(self, fit: Fit) -> bool:
+        """Tell whether a class scores beside a fit, more than may be non-linear in its effects."""
+        if self.scores is None:
+            return False
+        most = max(self.scores.threshold, NOT_LINEAR * self.delta_ln_evidence(fit))
+        return self.left_over(fit) > most
 
     def ranked(self) -> list[Fit]:
         """Return all fits, best evidence first."""
@@ -106,7 +147,7 @@ class Search:
         At most `BEAM`, each of other labels.
         """
         ranked = [fit for fit in self.ranked() if len(fit.labels) == n_labels]
-        near = [fit for fit in ranked if self._lead(ranked[0], fit) < DECISIVE]
+        near = [fit for fit in ranked if self._lead(ranked[0], fit) < self.lead]
         labels = [set(fit.labels) for fit in near]
         return [fit for k, fit in enumerate(near) if labels[k] not in labels[:k]][:BEAM]
 
@@ -119,6 +160,11 @@ class Search:
         modes = tuple(known for known in near if single and known is not best)
         self.fits = [known for known in self.fits if known.where != fit.where]
         self.fits.append(replace(best, alternatives=modes))
+
+    @property
+    def lead(self) -> float:
+        """Least lead in Δ ln evidence of an effect that the records distinguish from others."""
+        return DECISIVE if self.scores is None else LEAD
 
     def runs_left(self) -> bool:
         """Tell whether the budget allows more runs."""
@@ -135,8 +181,12 @@ def search(
     limit: int,
     progress: Callable = lambda *_: None,
     known: Callable[[Search], object] = lambda _: None,
+    seed: int = 1,
 ) -> Search:
     """Search the library for effects that explain what the calibrated site does not.
+
+    Where the misfit exceeds the usual error, effects are screened; where it does not, every
+    hypothesis is scored under an error that is learned.
 
     Parameters
     ----------
@@ -147,12 +197,13 @@ def search(
         Called with (stage, done, total).
     known : callable, optional
         Called with the state of the search before each step of it.
+    seed : int
+        Of the draws without an effect, by which scores are judged.
 
     Returns
     -------
     Search
-        Without fits where the calibrated site explains the records, or where the records can test
-        no effect.
+        Without fits where nothing scores, or where the records can test no effect.
     """
     chosen = fit_calibrated(scene)
 
@@ -162,8 +213,10 @@ def search(
 
     state = Search(scene, limit, report, chosen, chosen=chosen)
     testable = any(not hypothesis.untestable(scene.case) for hypothesis in LIBRARY.values())
-    if not (testable and (material(chosen.chi_square) or scene.case.share is not None)):
+    if not testable:
         return state
+    if not material(chosen.chi_square) and scene.case.share is None:
+        return _scored(state, seed)
     _fit_without_runs(state, chosen)
     state.screening = screen(state)
     _fit_by_runs(state, state.screening, chosen, REFINED)
@@ -183,6 +236,71 @@ def search(
     return state
 
 
+def _scored(search, seed):
+    """Score every hypothesis, and fit the best classes while they score above the threshold."""
+    scene, chosen, scores = search.scene, search.without_effects, None
+    with contained(scene.failures, SCORES):
+        members = members_of(scene, search.progress, search.runs_left)
+        own = SiteScores(scene, error_of(scene), tuple(members), seed)
+        search.progress("draws without an effect", 0, 1)
+        scores = own if np.isfinite(own.threshold) else None  # a failure costs the scores alone
+    if scores is None:
+        return search
+    search.scores = scores
+    simulated = {effect.where for member in scores.members for effect in member.trial.effects}
+    for places in scene.failures:
+        if not isinstance(places, str):
+            _enter_failures(search, [where for where in places if where not in simulated])
+    leaders = [chosen]
+    for n_labels in range(1, MOST_EFFECTS + 1):
+        for base in leaders:
+            _refit(search, base)
+        least = search.delta_ln_evidence(chosen) + search.scores.threshold
+        leaders = [f for f in search.leaders(n_labels) if search.delta_ln_evidence(f) >= least]
+        if not leaders:
+            break
+        search.chosen = chosen = leaders[0]
+    return search
+
+
+def _refit(search, base):
+    """Fit the classes that score most beside a fit, if the first is above the threshold."""
+    classes = search.classes(base)
+    if max(classes.values(), default=-np.inf) < search.scores.threshold:
+        return
+    by_runs = 0
+    for done, (label, score) in enumerate(classes.items()):
+        if by_runs == REFITTED or score < DECISIVE or not search.runs_left():
+            break
+        search.progress(f"fit {label}", done, len(classes))
+        runs_before = search.scene.forward.runs
+        _fit_without_runs(search, base, label)
+        _fit_member(search, base, label)
+        by_runs += search.scene.forward.runs > runs_before
+
+
+def _fit_member(search, base, label):
+    """Fit the member of a label on the site that scores most beside a fit, by runs."""
+    member = search.scores.best_on_site(base, label)
+    if member is None:
+        return
+    effect = _scored_further(search, base, search.scores.start(member, base))
+    x_ref = base.values if base.effects else np.zeros(len(base.values))
+    fitted = _fitted(search.scene, (*base.effects, effect), x_ref, member.blasts)
+    if fitted is not None:
+        search.add(fitted)
+
+
+def _scored_further(search, base, effect):
+    """Return an effect at the best of its value and its hypothesis' further starts."""
+    names = [parameter.name for parameter in effect.hypothesis.parameters]
+    tried = [effect]
+    for name, starts in effect.hypothesis.further:
+        at, own = names.index(name), effect.values
+        tried += [replace(effect, values=(*own[:at], (v,), *own[at + 1 :])) for v in starts]
+    return effect if len(tried) == 1 else search.scores.best_of(tried, base) or effect
+
+
 def material(chi_square) -> bool:
     """Tell whether chi-squares (n_blasts, n_receivers) exceed what the model error explains."""
     return worst(chi_square) >= MATERIAL
@@ -196,27 +314,6 @@ def worst(chi_square) -> float:
 def means(chi_square, axis) -> np.ndarray:
     """Return mean chi-squares (n_blasts, n_receivers) along an axis, over existing records."""
     return np.sum(chi_square, axis=axis) / np.maximum(np.count_nonzero(chi_square, axis=axis), 1)
-
-
-def starting_effects(hypothesis: Hypothesis, target: str, scene: Scene) -> list[Effect]:
-    """Return an effect at each starting value of its parameters."""
-    blasts, from_residual = scene.case.project.blasts, ()
-    n_holes = len(blasts[target].times) if target in blasts else 1
-    if hypothesis.begins is not None:
-        with contained({}, f"a starting value of {hypothesis.name}"):
-            from_residual = (hypothesis.begins(scene),)
-    starts = product(*[parameter.starts for parameter in hypothesis.parameters])
-    return [
-        Effect(
-            hypothesis.name,
-            target,
-            tuple(
-                (value,) * (n_holes if parameter.per_hole else 1)
-                for parameter, value in zip(hypothesis.parameters, values, strict=True)
-            ),
-        )
-        for values in (*starts, *from_residual)
-    ]
 
 
 def screen(search: Search) -> list[ScreeningResult]:
@@ -365,10 +462,11 @@ def screen_again(search: Search, base: Fit) -> list[ScreeningResult]:
     return sorted(results, key=lambda result: -result.share)
 
 
-def _fit_without_runs(search, base):
-    """Fit each effect that needs no runs on top of a fit, at all targets where it pays."""
+def _fit_without_runs(search, base, label=None):
+    """Fit effects that need no runs, of one label or all, on a fit, at all targets that pay."""
     scene, before = search.scene, base.effects
     candidates = [h for h in LIBRARY.values() if h.on != "site" and h.label not in base.labels]
+    candidates = [h for h in candidates if label in (None, h.label)]
     start = Fitter(scene, before, base.values)
     objective = start.objective(start.start(), start.motions([start.start()])[0])
     for done, hypothesis in enumerate(candidates):

@@ -18,7 +18,8 @@ from .effects import PredictionScene, Scene, with_motion_effects
 from .forward import surface_speed
 from .hypotheses import LIBRARY, blast_and_hole, untestable_labels
 from .mistakes import Mistake
-from .null_distribution import NullDistribution, detection_limits
+from .null_distribution import NullDistribution
+from .scores import detection_limits
 from .search import Search, means, worst
 from .thresholds import DECISIVE, DETECTABLE, MATERIAL, RESOLVED
 from .trusted_shots import explained
@@ -49,10 +50,10 @@ def summarise(
     baseline, case, fit = scene.baseline, scene.case, decision.fit
     mesh_energy = np.sum(baseline.correction**2) / np.sum(case.motion**2)
     change = decision.mesh_change
-    least = max(DECISIVE, 0.0 if null is None else null.threshold(()))
     limits, located, remainder = [], None, None
     with contained(scene.failures, "detection limits"):
-        limits = detection_limits(scene, fit, least)
+        if search.scores is not None and decision.outcome in ("NULL", "NAMED", "COMPOSITE"):
+            limits = detection_limits(search.scores, fit.labels)
     with contained(scene.failures, "location of the residual"):
         located = locate_residual(baseline, without.motion, without.chi_square)
         remainder = locate_residual(baseline, fit.motion, fit.chi_square)
@@ -114,6 +115,7 @@ def known_so_far(search: Search) -> dict:
              "explained_share": round(result.share, 3)}
             for result in search.screening
         ],
+        "scores": _one_digit(search.classes()),
         "not_testable": _not_testable(search),
         "runs": search.scene.forward.runs,
     }  # fmt: skip
@@ -187,6 +189,8 @@ def exceeds_double_error(summary: Mapping) -> bool:
     """
     evidence = summary["evidence"]
     gain = evidence["delta_ln_evidence_at_double_error"]
+    if evidence["scores"]:
+        return True  # the level of the error is learned, whatever it is
     required = max(DECISIVE, evidence["null_threshold"] or 0.0)
     missing = evidence["chi_square_at_double_error"] >= MATERIAL
     return missing or (gain is not None and gain >= required)
@@ -196,14 +200,19 @@ def _evidence(search, null, decision):
     """Return the evidence of the best effects, the null threshold and all fits, as a table."""
     ranked = search.ranked()
     best = decision.best or next(iter(ranked), None)
-    effects = () if best is None else best.effects
+    effects, scores = () if best is None else best.effects, search.scores
     likelihood = search.scene.baseline.likelihood
     doubled = likelihood.at_double_error(search.without_effects.chi_square)
     return {
         "definition": "delta_ln_evidence: log Bayes factor over the calibrated model",
         "delta_ln_evidence": None if best is None else round(search.delta_ln_evidence(best), 1),
         "best_labels": [] if best is None else list(best.labels),
-        "null_threshold": None if null is None else round(null.threshold(effects), 1),
+        "null_threshold": _null_threshold(null, scores, effects),
+        "thresholds": {} if scores is None else _one_digit(scores.thresholds),
+        "scores": _one_digit(search.classes()),
+        "error_levels": {}
+        if scores is None
+        else dict(zip(("scatter", "transfer", "nuisances"), scores.at, strict=True)),
         "null_threshold_interval": None if null is None else null.threshold_interval(effects),
         "explained_share": round(decision.explained_share, 3),
         "chi_square_at_double_error": round(worst(doubled), 2),
@@ -211,6 +220,18 @@ def _evidence(search, null, decision):
         "ranking": _ranking(search),
         "probability": decision.probability,
     }
+
+
+def _null_threshold(null, scores, effects):
+    """Return the Δ ln evidence that effects must exceed, None if no effect was tried."""
+    if scores is not None:
+        return round(scores.threshold, 1)
+    return None if null is None else round(null.threshold(effects), 1)
+
+
+def _one_digit(table):
+    """Return log Bayes factors with one digit."""
+    return {key: round(value, 1) for key, value in table.items()}
 
 
 def _at_double_error(search, fit):
@@ -317,6 +338,12 @@ def _not_testable(search):
 
 def _not_detected(search, forms, length):
     """Return why an effect that can be simulated is not detected; empty if it could be."""
+    if search.scores is not None:
+        simulated = {member.label for member in search.scores.members}
+        if forms[0].label in simulated.union(*(fit.labels for fit in search.fits)):
+            return ""
+        ended = "the budget of runs ended before it was tried"
+        return "it is impossible at this site, or changes no record" if search.finished else ended
     if search.fits and all(form.on == "site" for form in forms) and length is None:
         ended = "the budget of runs ended before it was tried"
         return "it is impossible at this site" if search.finished else ended

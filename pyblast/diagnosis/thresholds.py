@@ -53,13 +53,6 @@ _enter("MESH_SHARE", MESH_SHARE, "energy that a finer mesh changes",
        "Error of the finer mesh itself", "`python -m benchmarks cuts`, the median")  # fmt: skip
 _enter("DOUBT", DOUBT, "degrees of freedom",
        "Uncertainty of the model error, Student's t", "assumed")  # fmt: skip
-SPEED_SIGMA = _enter(
-    "SPEED_SIGMA", 0.03, "of a wave speed", "Prior standard deviation of wave speeds", "assumed"
-)
-STIFFNESS_SIGMA = _enter(
-    "STIFFNESS_SIGMA", 0.3, "of a stiffness", "Prior standard deviation of joint stiffness",
-    "assumed",
-)  # fmt: skip
 # Records
 SHORTEST_RECORD = _enter(
     "SHORTEST_RECORD", 0.5, "longest record", "No record may end earlier", "assumed"
@@ -76,6 +69,34 @@ SECTORS = _enter("SECTORS", 6, "", "Sectors of half a turn in which paths may li
 DIRECTIONS = _enter(
     "DIRECTIONS", 3, "sectors", "Sectors with a path that anisotropy needs", "assumed"
 )
+# Scores
+LEAST_SCORE = _enter(
+    "LEAST_SCORE", 10.0, EVIDENCE, "Least score of a class beside which something is missing",
+    "real nulls 01 and 04 of the sites: at most 7",
+)  # fmt: skip
+DRAWS = _enter("DRAWS", 300, "", "Draws without an effect at the learned levels", "assumed")
+DRAWN_LEVEL = _enter(
+    "DRAWN_LEVEL", 0.98, "", "Quantile of the largest score of these draws", "convention: 2 %"
+)
+NUMERICAL = _enter(
+    "NUMERICAL", 3.0, EVIDENCE, "Lead over the score of what the better mesh may leave", "assumed"
+)
+LEAD = _enter(
+    "LEAD", 5.0, EVIDENCE, "Lead of a named effect over every other, after both were fitted",
+    "a Bayes factor of 150",
+)  # fmt: skip
+FARTHEST = _enter(
+    "FARTHEST", 2.0, "simulated change", "To which a change is taken as linear in its strength",
+    "assumed",
+)  # fmt: skip
+FAR_OFF = _enter(
+    "FAR_OFF", 3.0, SIGMA, "Calibrated value beside which nothing ends as NULL",
+    "priors of good surveys: 0.3 % of true values lie beyond",
+)  # fmt: skip
+NOT_LINEAR = _enter(
+    "NOT_LINEAR", 0.1, "evidence of a fit",
+    "Score beside a fit that may be its own non-linear part", "assumed",
+)  # fmt: skip
 # Search
 MATERIAL = _enter(
     "MATERIAL", 2.0, CHI_SQUARE, "Mean of a receiver or a blast below which nothing is missing",
@@ -147,10 +168,6 @@ DETECTABLE = _enter(
 RESOLVED = _enter(
     "RESOLVED", 1.0, "longer side of the plan",
     "Width of a located residual above which no place is reported", "assumed",
-)  # fmt: skip
-LINEAR = _enter(
-    "LINEAR", 2.0, "energy", "Factor by which a change may be off its derivative at a limit",
-    "assumed",
 )  # fmt: skip
 FAR_FROM_PRIOR = _enter(
     "FAR_FROM_PRIOR", 2.5, SIGMA, "Calibrated value that hints at missing physics", "assumed"

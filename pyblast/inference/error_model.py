@@ -252,19 +252,35 @@ def hole_columns(motion, firings: Sequence[Firings | None], band: Band, deviatio
     times = band.dt * np.arange(n)
     lost, columns = np.zeros(motion.shape), []
     for b, (blast, fired) in enumerate(zip(motion, firings, strict=True)):
-        spectrum = fft.rfft(blast, size, axis=-1)
-        shares = [np.ones((len(blast), len(omega)))] if fired is None else _shares(fired, omega)
-        starts = [0.0] if fired is None else fired.times
-        for start, share in zip(starts, shares, strict=True):
-            part = spectrum * share[:, None]
+        for start, part in hole_parts(blast, fired, omega, size):
             since = np.maximum(times - start, 0.0)
             lost[b] += since * fft.irfft(part * loss, size, axis=-1)[..., :n]
-            if len(shares) > 1:
+            if fired is not None and len(fired.times) > 1:
                 moved = np.zeros(motion.shape)
                 moved[b] = fft.irfft(part * (-1j * omega), size, axis=-1)[..., :n]
                 columns.append(deviation * band.project(moved))
     lost = band.project(lost)
     return _moving({"firing": columns}, lost.shape), lost
+
+
+def hole_parts(blast, fired: Firings | None, omega, size: int):
+    """Yield the firing time and the spectrum of the part of each hole in the motion of a blast.
+
+    Parameters
+    ----------
+    blast : (n_receivers, 3, n_samples) float, m/s
+    fired : Firings or None
+        Without any all of the motion is one part from 0 s on.
+    omega : (n_omega,) float64, rad/s
+        Of a real transform of a length ``size``.
+    size : int
+    """
+    spectrum = fft.rfft(blast, size, axis=-1)
+    if fired is None:
+        yield 0.0, spectrum
+        return
+    for start, share in zip(fired.times, _shares(fired, omega), strict=True):
+        yield float(start), spectrum * share[:, None]
 
 
 def _shares(fired, omega):

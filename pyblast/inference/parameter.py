@@ -36,8 +36,8 @@ class Parameter:
     per_hole : bool
         One value for each hole of a blast.
     null : float, optional
-        Value in the unit at which the effect of a hypothesis vanishes; the detection limit is
-        measured from there. Not for effects that need runs.
+        Value in the unit at which the effect of a hypothesis vanishes, may be infinite; the
+        detection limit is measured from there.
     laboratory : (low, high), optional
         Range of laboratory samples, to compare the result with; not part of the inference.
 

@@ -28,8 +28,8 @@ class ErrorLevels(NamedTuple):
         Factors on the prior standard deviations of nuisance parameters.
     """
 
-    scatter: tuple[float, ...] = (1e-3, 2e-3, 5e-3, 2e-2, 8e-2)
-    transfer: tuple[float, ...] = (2e-3, 8e-3, 3e-2)
+    scatter: tuple[float, ...] = (1e-3, 2.5e-3, 8e-3, 4e-2, 0.2, 1.0)
+    transfer: tuple[float, ...] = (2e-3, 1e-2, 5e-2, 0.3)
     nuisance: tuple[float, ...] = (1.0, 2.0)
 
 
@@ -176,7 +176,7 @@ class ScoreTest:
 
     def _averaged(self, evidence, bayes, means):
         """Return scores averaged over the levels."""
-        bayes = bayes.reshape(len(evidence), len(self.changes), -1)
+        bayes = bayes.reshape(len(evidence), len(self.changes), evidence.shape[1])
         total = logsumexp(evidence, axis=0)
         weight = np.exp(evidence - total)
         with_change = logsumexp(evidence[:, None] + bayes, axis=0)

@@ -95,12 +95,17 @@ def least_stretch(jacobian: np.ndarray) -> np.ndarray:
     -----
     From the characteristic equation of the symmetric square; Smith (1961), Commun. ACM 4, 168.
     """
-    square = np.swapaxes(jacobian, -1, -2) @ jacobian
-    mean = np.trace(square, axis1=-2, axis2=-1) / 3.0
-    apart = square - mean[..., None, None] * np.eye(3)
-    spread = np.sqrt(np.sum(apart**2, axis=(-2, -1)) / 6.0)
+    columns = np.moveaxis(jacobian, (-2, -1), (1, 0))
+    xx, yy, zz, yz, zx, xy = (
+        sum(columns[i, k] * columns[j, k] for k in range(3))
+        for i, j in ((0, 0), (1, 1), (2, 2), (1, 2), (2, 0), (0, 1))
+    )
+    mean = (xx + yy + zz) / 3.0
+    xx, yy, zz, shear = xx - mean, yy - mean, zz - mean, yz**2 + zx**2 + xy**2
+    spread = np.sqrt((xx**2 + yy**2 + zz**2 + 2.0 * shear) / 6.0)
+    third = xx * (yy * zz - yz**2) - xy * (xy * zz - yz * zx) + zx * (xy * yz - yy * zx)
     cubed = np.where(spread > 0.0, spread, 1.0) ** 3
-    angle = np.arccos(np.clip(0.5 * np.linalg.det(apart) / cubed, -1.0, 1.0)) / 3.0
+    angle = np.arccos(np.clip(0.5 * third / cubed, -1.0, 1.0)) / 3.0
     least = mean + 2.0 * spread * np.cos(angle + 2.0 * np.pi / 3.0)
     return np.sqrt(np.maximum(least, 0.0))
 

@@ -1,7 +1,8 @@
 """Checks before a run: the summary of the model and the findings that its numbers show."""
 
 import math
-from dataclasses import dataclass
+import re
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -103,10 +104,23 @@ def check(project, measure=True, progress=None) -> Check:
         energy_finding(source_energy(project)),
         elastic_finding(project.elastic_ground, project.receivers),
     ]
-    findings = sorted(
-        (finding for finding in candidates if finding is not None), key=lambda f: int(f.code[1:])
-    )
+    findings = [finding for finding in candidates if finding is not None]
+    findings = sorted(one_a_kind(findings), key=lambda f: int(f.code[1:]))
     return Check(summary, tuple(findings), notes, rows)
+
+
+def one_a_kind(findings) -> list[Finding]:
+    """Return findings of which those of one code and title are one; sentences are said once."""
+    kinds: dict[tuple, list[Finding]] = {}
+    for finding in findings:
+        kinds.setdefault((finding.code, finding.title, finding.failed), []).append(finding)
+    joined = []
+    for first, *others in kinds.values():
+        said = re.split(r"(?<=\.)\s+(?=[A-Z])", first.text)
+        for other in others:
+            said += [s for s in re.split(r"(?<=\.)\s+(?=[A-Z])", other.text) if s not in said]
+        joined.append(replace(first, text=" ".join(said)) if others else first)
+    return joined
 
 
 def ground_as_built(rows):
@@ -255,12 +269,11 @@ def _record_defects(project, summary):
     """D13, D16: late arrivals and damping."""
     if project.blast is not None:
         source = project.blast.centres.mean(axis=0)
-        for receiver in project.receivers:
-            distance = float(np.linalg.norm(source - receiver.position))
-            yield air_blast(
-                receiver.name, distance, float(project.blast.times.max()),
-                project.config.run.duration_s,
-            )  # fmt: skip
+        distances = {
+            row.name: float(np.linalg.norm(source - row.position)) for row in project.receivers
+        }
+        last, duration = float(project.blast.times.max()), project.config.run.duration_s
+        yield air_blast(distances, last, duration)
     damping = project.model.damping
     by_group = damping if isinstance(damping, dict) else {"": damping}
     for name, part in by_group.items():
@@ -404,17 +417,22 @@ def layered_face(face, materials):
     )  # fmt: skip
 
 
-def air_blast(receiver, distance, last_firing, duration):
-    """D13: the air blast arrives within the record."""
-    first = distance / SOUND_SPEED
-    if first > duration:
+def air_blast(distances, last_firing, duration):
+    """D13: the air blast arrives within records; distances in m by receiver."""
+    first = {name: away / SOUND_SPEED for name, away in distances.items()}
+    first = {name: time for name, time in first.items() if time <= duration}
+    if not first:
         return None
+    listed = ", ".join(
+        f"{name} from {time:.2f} to {time + last_firing:.2f} s" for name, time in first.items()
+    )
+    earliest = min(first.values())
     return Finding(
         "D13",
-        f"The air blast reaches {receiver} within the record",
-        f"{distance:.0f} m at {SOUND_SPEED:g} m/s (assumed) are {first:.2f} s, the last hole "
-        f"{first + last_firing:.2f} s: late waves in a record need not be reflections.",
-        numbers={"first": first, "last": first + last_firing},
+        "The air blast arrives within the record",
+        f"At {SOUND_SPEED:g} m/s (assumed) it reaches {listed}: late waves in a record need not be "
+        "reflections.",
+        numbers={"first": earliest, "last": earliest + last_firing},
     )
 
 

@@ -210,9 +210,9 @@ def fault_low_pass(name, stiffness, group, material, frequency, band):
     listed = ", ".join(f"{p:.2f}/{s:.2f} at {f:g} Hz" for f, (p, s) in at.items())
     return Finding(
         "D8",
-        f"The fault {name} is itself a low-pass",
-        f"In '{group}' its corner is {corners[0]:.1f} Hz (P) and {corners[1]:.1f} Hz (S); it "
-        f"passes {listed} (P/S). Amplitudes alone can't separate its stiffness from damping, "
+        "A fault is itself a low-pass",
+        f"{name} in '{group}': its corner is {corners[0]:.1f} Hz (P) and {corners[1]:.1f} Hz (S); "
+        f"it passes {listed} (P/S). Amplitudes alone can't separate its stiffness from damping, "
         f"soil or mesh (for waveforms: backanalyse --design-survey); at {frequency:.3g} Hz +10 % "
         f"of kn gives {100 * gain[0]:+.0f} % P, of ks {100 * gain[1]:+.0f} % S (D9).",
         numbers={"corner_p": corners[0], "corner_s": corners[1], "gain_p": gain[0],

@@ -48,6 +48,9 @@ RING = 2.2  # edges from a source to an open side, with which it can be injected
 STEP = 0.67  # of the edge before, of the edges that are tried around sources
 LISTED = 3  # rows of a survey in a sentence
 SIZED = ("layers", "refinements")  # parts of the mesh with edges of their own
+OF_EDGE = 0.118  # volume of a regular tetrahedron over the cube of its edge
+ROUGH = 1.15  # of a frequency, for edges of tetrahedra to carry it on any way
+MOST_ZONES = 1_000_000  # of tetrahedra whose edges nobody gave
 TETRAHEDRA = {True: 3.0, False: 10.0}  # edges per wavelength of quadratic and of linear ones
 
 
@@ -150,10 +153,37 @@ def sized_by_blast(project):
             "mesh.edge_m: missing, and no blast says how fine the ground shall be; give edge_m, "
             "frequency_hz or grid_cells"
         )
-    config = project.config.model_copy(
-        update={"mesh": mesh.model_copy(update={"frequency_hz": top})}
-    )
+    sized = mesh.model_copy(update={"frequency_hz": top})
+    config = project.config.model_copy(update={"mesh": sized})
+    obstacle = None if mesh.kind != "tetrahedra" else "mesh.kind asks for tetrahedra"
+    obstacle = obstacle or _obstacle(config, project.materials)
+    if obstacle is not None:
+        sized = _affordable(sized, project, obstacle)
+        config = config.model_copy(update={"mesh": sized})
     return replace(project.having(), config=config)
+
+
+def _affordable(mesh, project, obstacle):
+    """Return a `MeshConfig` of tetrahedra for a frequency, or refuse one without end."""
+    mesh = mesh.model_copy(update={"frequency_hz": ROUGH * mesh.frequency_hz})
+    rocks = [project.materials[part.material] for part in mesh.layers]
+    edges = [rock.cs / (TETRAHEDRA[mesh.quadratic] * mesh.frequency_hz) for rock in rocks]
+    size = np.array(mesh.size_m) + np.array([2.0, 2.0, 1.0]) * (mesh.padding_m or 0.0)
+    thick = [part.thickness_m or size[2] for part in mesh.layers]
+    counts = [
+        size[0] * size[1] * height / (OF_EDGE * edge**3)
+        for height, edge in zip(thick, edges, strict=True)
+    ]
+    if sum(counts) > MOST_ZONES:
+        worst = int(np.argmax(counts))
+        raise InputError(
+            f"mesh: {mesh.layers[worst].material!r} needs edges of {edges[worst]:.2g} m to carry "
+            f"the {mesh.frequency_hz:.3g} Hz of the blast, in all about {sum(counts):.1g} zones, "
+            f"since the ground is cut into tetrahedra: {obstacle}. Mend that, or set "
+            "mesh.quadratic = true, or give mesh.edge_m and see by finding D40 what the run holds"
+        )
+    padding = mesh.padding_edge_m and max(mesh.padding_edge_m, *edges)
+    return mesh.model_copy(update={"padding_edge_m": padding})
 
 
 def _resolving(project, ground, asked, wave):

@@ -140,8 +140,25 @@ def read_record(config, folder, log=None) -> Recording:
 
 
 def read_hole(config, folder, log=None) -> Seismogram:
-    """Read a single-hole record and remove its mean, which superposition would multiply."""
-    seismogram = read_record(config, folder, log).seismogram
+    """Read a single-hole record and remove its mean, which superposition would multiply.
+
+    Raises
+    ------
+    InputError
+        If it is clipped and the configuration does not accept that.
+    """
+    record = read_record(config, folder, log)
+    seismogram, clipped = record.seismogram, record.clipped.sum(axis=0)
+    if clipped.any() and not config.accept_clipped:
+        names = ", ".join(
+            f"{count} of {name}"
+            for name, count in zip(seismogram.components, clipped, strict=True)
+            if count
+        )
+        raise InputError(
+            f"recorded.file: {config.file}: samples are clipped ({names}), and every hole would "
+            "repeat that; record the hole farther away, or set accept_clipped = true"
+        )
     return replace(seismogram, velocity=seismogram.velocity - seismogram.velocity.mean(axis=0))
 
 

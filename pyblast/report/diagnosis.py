@@ -20,9 +20,8 @@ from ..diagnosis.summary import acts, exceeds_double_error, not_computed, summar
 from ..diagnosis.thresholds import (
     DECISIVE,
     FAR_FROM_PRIOR,
+    FAR_OFF,
     MATERIAL,
-    SPEED_SIGMA,
-    STIFFNESS_SIGMA,
 )
 from ..errors import contained
 from ..inference.likelihood import ENERGY_SHARE, MESH_SHARE
@@ -105,6 +104,7 @@ def _parts(diagnosis, summary, failures):
         "mistakes": lambda: acts(summary),
         "ranking": lambda: ranking_rows(diagnosis),
         "screened": lambda: screened_rows(diagnosis, summary),
+        "scored": lambda: score_rows(summary),
         "detection_limits": lambda: detection_limit_rows(summary),
         "required": lambda: required_evidence(summary),
         "share": lambda: share(summary),
@@ -145,14 +145,24 @@ def lead(diagnosis: Diagnosis, summary: dict) -> str:
         plain_acts = [row["act"] for row in summary["mistakes"]]
         return f"A mistake in the records comes first: {'; '.join(plain_acts)}."
     if outcome == "NULL":
+        if not summary["evidence"]["scores"]:
+            return (
+                "Nothing is missing that these records could show: the calibrated site explains "
+                "the records of all receivers within noise and model error."
+            )
+        which = "every effect of the library was scored"
+        if not summary["finished"]:
+            which = "the effects that the budget of runs sufficed for were scored"
         return (
-            "Nothing is missing that these records could show: the calibrated site explains the "
-            "records of all receivers within noise and model error."
+            f"Nothing is missing that these records could show: {which}, and none is above what "
+            "the error explains. What would have been detected is listed below."
         )
     if outcome == "UNKNOWN":
         return f"Something is missing{_near(summary['located'])}, and {_why_not(summary)}."
     sentences = [f"{claim} ({label})." for label, claim in claims(decision.fit)]
     basis = f"This explains {share(summary)} of the misfit that exceeds noise and model error, "
+    if diagnosis.search.scores is not None:
+        basis = "The misfit is small, but more than the learned error of this site explains, "
     if summary["held_out"]["subsets"]:
         basis += "and it predicts held-out records."
     else:
@@ -168,7 +178,7 @@ def lead(diagnosis: Diagnosis, summary: dict) -> str:
     if outcome in ("CLASS", "PARTIAL") and untested:
         reason = untestable[untested[0]]
         basis += f" But these records cannot test {listed(untested)}: {reason}."
-    elif outcome == "PARTIAL" and more_remains(decision.fit.chi_square, decision.explained_share):
+    elif outcome == "PARTIAL" and _more_remains(diagnosis):
         basis += f" But something else is missing{_near(summary['remainder'])}."
     elif outcome == "PARTIAL" and not summary["finished"]:
         basis += " But the budget of runs ended before all other effects were tried."
@@ -180,6 +190,14 @@ def lead(diagnosis: Diagnosis, summary: dict) -> str:
     return " ".join([*sentences, basis])
 
 
+def _more_remains(diagnosis):
+    """Tell whether something else is missing beside the answer."""
+    decision = diagnosis.decision
+    if diagnosis.search.scored_beside(decision.fit):
+        return True
+    return more_remains(decision.fit.chi_square, decision.explained_share)
+
+
 def share(summary: dict) -> str:
     """Return the explained share of the excess misfit; all where only model error remains."""
     return f"{100.0 * min(summary['evidence']['explained_share'], 1.0):.0f} %"
@@ -187,8 +205,19 @@ def share(summary: dict) -> str:
 
 def _why_not(summary):
     """Return why no effect of the library was accepted."""
-    tested, best = summary["held_out"], " + ".join(summary["evidence"]["best_labels"])
-    if not summary["evidence"]["ranking"]:
+    evidence, tested = summary["evidence"], summary["held_out"]
+    best = " + ".join(evidence["best_labels"])
+    if not evidence["ranking"] and evidence["scores"]:
+        far = [
+            r["parameter"] for r in summary["calibration"] if abs(r["prior_deviation"]) > FAR_OFF
+        ]
+        if far:
+            return (
+                f"the calibration takes it up: {listed(far)} lies more than {FAR_OFF:g} prior "
+                "deviations off, and no effect of the library scores"
+            )
+        return "what scores in the library could not be fitted"
+    if not evidence["ranking"]:
         return "these records can test no effect of the library, so none was tried"
     if tested is None and not summary["finished"]:
         return "the budget of runs ended before all effects of the library were tried"
@@ -308,6 +337,13 @@ def screened_rows(diagnosis: Diagnosis, summary: dict) -> list[str]:
     ]
 
 
+def score_rows(summary: dict) -> list[str]:
+    """Return the score of each label that was not fitted, best first."""
+    fitted = {label for row in summary["evidence"]["ranking"] for label in row["labels"]}
+    scores = summary["evidence"]["scores"].items()
+    return [f"{label} ({value:.0f})" for label, value in scores if label not in fitted]
+
+
 def required_evidence(summary: dict) -> float:
     """Return the Δ ln evidence that an effect must exceed."""
     return max(summary["evidence"]["null_threshold"] or 0.0, DECISIVE)
@@ -373,21 +409,30 @@ def _unit(unit, largest):
 
 def detection_limit_rows(summary: dict) -> list[str]:
     """Return the detection limit of each effect as a sentence."""
-    rows = []
-    for limit in summary["detection_limits"]:
-        unit, factor = _unit(limit["unit"], limit["amount"])
-        size = f"{limit['amount'] / factor:.2g} {unit}".rstrip()
-        if limit["null_value"] != 0.0:
-            size = f"{100.0 * limit['amount'] / limit['null_value']:.0f} %"
-        target = "" if limit["target"] == "site" else f" of any {limit['target']}"
-        of = " of any single hole" if limit["per_hole"] else target
-        missed = limit["not_detected_at"]
-        but = f", but not at {listed(missed)}" if missed else ""
-        rows.append(
-            f"{limit['label']}: an error of {limit['parameter']}{of} by {size} or more would have "
-            f"been detected{but}."
-        )
-    return rows
+    return [_limit_sentence(limit) for limit in summary["detection_limits"]]
+
+
+def _limit_sentence(limit):
+    """Return a detection limit as a sentence."""
+    form = f" ({limit['form']})" if limit["form"] else ""
+    where = "" if limit["target"] == "site" else f" at any {limit['target']}"
+    of = f"{limit['label']}{form}{' of any single hole' if limit['per_hole'] else where}"
+    if limit["value"] is None:
+        return f"{of}: would not have been detected at any strength that was simulated."
+    null, value = limit["null_value"], limit["value"]
+    unit, factor = _unit(limit["unit"], abs(value))
+    size = f"{value / factor:.2g} {unit}".rstrip()
+    if null is None or value < null:
+        size += " or less"
+    elif null == 0.0:
+        size = f"{abs(value) / factor:.2g} {unit}".rstrip() + " or more"
+    else:
+        size += " or more"
+    beside = [f"{name} {amount:.2g}" for name, amount in limit["beside"].items()]
+    given = f" (with {', '.join(beside)})" if beside else ""
+    missed = limit["not_detected_at"]
+    but = f", but not at {listed(missed)}" if missed else ""
+    return f"{of}: {limit['parameter']} of {size}{given} would have been detected{but}."
 
 
 def calibration_rows(summary: dict) -> list[dict]:
@@ -403,22 +448,25 @@ def assumptions(diagnosis: Diagnosis, summary: dict) -> list[str]:
     scene = diagnosis.search.scene
     case, quality = scene.case, quality_of(scene.case.project)
     labels = sorted({hypothesis.label for hypothesis in LIBRARY.values()})
-    lost = 1.0 - float(np.mean(case.valid))
+    lost, priors = 1.0 - float(np.mean(case.valid)), case.project.config.priors
     finer = "; a finer mesh of the reference site corrects them" if np.any(
         scene.baseline.correction
     ) else ""  # fmt: skip
     sentences = [
         f"Only {case.band.low:g} to {case.band.high:g} Hz of the first {case.duration:.3g} s after "
         f"the first hole are compared. {case.carried}".rstrip(),
-        f"Prior standard deviations are {100 * SPEED_SIGMA:g} % for wave speeds of layers and "
-        f"{100 * STIFFNESS_SIGMA:g} % for stiffness of joints; these are fitted again with every "
-        "effect.",
+        f"Prior standard deviations are those of [priors]: {priors.speed_percent:g} % for wave "
+        f"speeds, {priors.stiffness_percent:g} % for stiffness of joints (both fitted again with "
+        f"every effect), {priors.receiver_m:g} m for receivers, {priors.clock_ms:g} ms for clocks, "
+        f"{priors.firing_ms:g} ms for firing times, {priors.amplitude_percent:g} % for amplitudes.",
         f"The model error is {100 * ENERGY_SHARE:g} % of the energy of each record, for "
         "coordinates, clocks and small heterogeneity, and "
         f"{100 * MESH_SHARE:g} % of the energy that a finer mesh changes; it may be a few times "
         "larger. Noise is estimated from the windows before the blasts.",
-        "Nothing is reported as missing while the mean square misfit of every receiver and every "
-        f"blast is below {MATERIAL:g} times noise and model error.",
+        "Where the mean square misfit of every receiver and every blast is below "
+        f"{MATERIAL:g} times noise and this error, every effect is scored under an error whose "
+        "level is learned from the records; receivers repeat a part of it in all blasts. "
+        f"Nothing ends as NULL beside a calibrated value beyond {FAR_OFF:g} prior deviations.",
         f"The ground is made of {elements_of(case.project)}{finer}.",
         "Attenuation of the reference site: "
         + ("none." if quality is None else f"Qp {quality[0]:g}, Qs {quality[1]:g}."),

@@ -24,6 +24,7 @@ from ..signals.spectra import dominant_frequency, smoothed_spectrum, zero_crossi
 _TRIANGLE_EDGES = np.array([[0, 1], [1, 2], [2, 0]])
 NUDGE = 1.2345e-5
 EYE = 28.0, -122.0  # degrees, height and azimuth from east to north
+LEAST_SHOWN = 1e-4  # of the largest energy, below which terms are not drawn
 _TOWARDS_THE_EYE = np.array([
     cos(radians(EYE[0])) * cos(radians(EYE[1])), cos(radians(EYE[0])) * sin(radians(EYE[1])),
     sin(radians(EYE[0])),
@@ -236,7 +237,9 @@ def section_figure(result, north, field="group"):
     _draw_joints(axes, result, north)
     _draw_receivers(axes, summary, mesh["points"])
     axes.set_aspect("equal")
+    axes.margins(0.03, 0.1)
     axes.autoscale_view()
+    axes.spines[["top", "right"]].set_visible(False)
     axes.set_xlabel("east  m")
     axes.set_ylabel("height  m")
     axes.legend(loc="upper center", bbox_to_anchor=(0.5, 1.14), ncol=6, fontsize=7, frameon=False)
@@ -344,13 +347,17 @@ def energy_figure(energy, lead, layered=False):
     factor, unit = (1e-9, "GJ") if np.abs(energy["input"]).max() > 1e10 else (1e-6, "MJ")
     for number, (name, label) in enumerate(names.items()):
         if name in energy:
-            colour = INK if name == "input" else f"C{number}"
-            axes.plot(
-                energy["time"] - lead, factor * energy[name], lw=1.2, label=label, color=colour
-            )
+            style = {"color": f"C{number}", "lw": 1.2}
+            if name == "input":
+                style = {"color": INK, "lw": 3.0, "alpha": 0.35}
+            axes.plot(energy["time"] - lead, factor * energy[name], label=label, **style)
     axes.set_xlabel("time after the first firing  s")
     axes.set_ylabel(f"energy  {unit}")
-    axes.legend(fontsize=7, frameon=False, ncol=2)
+    top = factor * max(float(np.abs(energy[name]).max()) for name in names if name in energy)
+    if top > 0.0:
+        axes.set_yscale("log")
+        axes.set_ylim(LEAST_SHOWN * top, 2.0 * top)
+    axes.legend(fontsize=7, frameon=False, loc="upper left", bbox_to_anchor=(1.0, 1.0))
     _tidy(axes)
     return _uri(figure)
 

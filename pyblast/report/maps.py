@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.collections import LineCollection
+from matplotlib.patches import Rectangle
 from matplotlib.tri import Triangulation
 
 from ..errors import ReadError
@@ -91,7 +92,7 @@ def plan_figure(result):
     if peak is None:
         axes.triplot(plan, color="#e5e5e5", lw=0.3)
     else:
-        _draw_contours(figure, axes, plan, 1e3 * peak.astype(float))
+        _draw_contours(figure, axes, plan, 1e3 * peak.astype(float), summary.get("undamped"))
     _draw_faults(axes, result, points[np.unique(triangles)])
     _draw_sources(figure, axes, summary)
     for names, mark, colour, word in (
@@ -132,7 +133,7 @@ def _extent(plane, summary):
     return both.min(axis=0) - edge, both.max(axis=0) + edge
 
 
-def _draw_contours(figure, axes, plan, peak):
+def _draw_contours(figure, axes, plan, peak, box=None):
     """Fill the surface by peak velocity in mm/s, with lines at round values."""
     shown = peak[plan.triangles]
     most = float(np.percentile(shown, 99.8))
@@ -150,7 +151,14 @@ def _draw_contours(figure, axes, plan, peak):
     )
     words = {np.log10(level): plain_number(level) for level in levels}
     axes.clabel(lines, fmt=lambda value: words.get(value, ""), fontsize=7)
-    bar = figure.colorbar(filled, ax=axes, shrink=0.85, label="peak vector sum  mm/s")
+    if box is not None:  # zones that reach into the padding
+        (west, south), (east, north) = box
+        corner = Rectangle((west, south), east - west, north - south, transform=axes.transData)
+        for drawn_part in (filled, lines):
+            drawn_part.set_clip_path(corner)
+    bar = figure.colorbar(
+        filled, cax=axes.inset_axes((1.02, 0.0, 0.02, 1.0)), label="peak vector sum  mm/s"
+    )
     bar.set_ticks(np.log10(levels), labels=[plain_number(level) for level in levels])
 
 
@@ -190,7 +198,8 @@ def _draw_sources(figure, axes, summary):
                 str(number), at, (5, 3), textcoords="offset points", fontsize=6.5, zorder=5
             )
         if times.max() > times.min():
-            figure.colorbar(dots, ax=axes, shrink=0.6, label="fires at  ms")
+            beside = axes.inset_axes((1.16, 0.0, 0.02, 1.0))
+            figure.colorbar(dots, cax=beside, label="fires at  ms")
     sources = summary["sources"]
     for number, table in enumerate((*sources["forces"], *sources["tensors"])):
         label = "source" if number == 0 else None

@@ -1,5 +1,6 @@
 """Report of field records: data quality, odd channels, air wave, dispersion, sensor response."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -60,6 +61,7 @@ HELD_OUT = {
     "speed and by the layer",
     "sensor response": "rms log ratio at the held-out place, by one gain and by the curve",
 }
+SHOWN = 12  # records whose peaks are printed
 EARLY = 0.6  # largest share of a record that the figure of a shot shows
 OFFSET_SPEED = 90.0  # m/s, slowest wave that the figure of a shot shows completely
 
@@ -102,7 +104,9 @@ def summary_lines(summary: dict) -> list[str]:
     wrong = [row["file"] for row in files if row["printed_values_wrong"]]
     lines = [
         f"{len(files)} records, {sum(row['channels'] for row in files)} channels: {dead} dead, "
-        f"{sum(len(row['clipped']) for row in files)} clipped in {len(clipped)} files"
+        f"{sum(len(row['clipped']) for row in files)} clipped"
+        + (f" ({', '.join(row['file'] for row in clipped)})" if clipped else ""),
+        *_peak_lines(files),
     ]
     if any(row["printed_values_checked"] for row in files):
         lines.append(
@@ -113,10 +117,10 @@ def summary_lines(summary: dict) -> list[str]:
     lines += [outcome_text(row) for row in summary["analyses"]]
     if any(row["outcome"] in ("NAMED", "CLASS") for row in summary["analyses"]):
         lines.append("each cause is the best of a closed list (closed_lists in records.json)")
-    lines += [
-        f"{row['analysis']}{_of(row)}: not analysed: {row['reason']}"
-        for row in summary["not_analysed"]
-    ]
+    missing = {}
+    for row in summary["not_analysed"]:
+        missing.setdefault(row["reason"], []).append(f"{row['analysis']}{_of(row)}")
+    lines += [f"{', '.join(names)}: not analysed: {why}" for why, names in missing.items()]
     if summary["skipped"]:
         lines.append(f"{len(summary['skipped'])} files are no records or can't be read")
     lines += [
@@ -125,6 +129,26 @@ def summary_lines(summary: dict) -> list[str]:
         if row["reason"] != "is no record"
     ]
     return lines
+
+
+def _peak_lines(files):
+    """Return the peaks of the strongest records of single instruments, one a line."""
+    rows = [row for row in files if row["peaks"] and any(map(math.isfinite, row["peaks"]["ppv"]))]
+    rows.sort(key=lambda row: -row["peaks"]["vector_sum"])
+    lines = []
+    for row in rows[:SHOWN]:
+        peaks = row["peaks"]
+        parts = ", ".join(
+            f"{name} {1e3 * ppv:.3g}" + ("" if hz is None else f" at {hz:.3g} Hz")
+            for name, ppv, hz in zip(
+                peaks["components"], peaks["ppv"], peaks["frequency"], strict=True
+            )
+        )
+        lines.append(
+            f"{row['file']}: PPV in mm/s {parts}; vector sum {1e3 * peaks['vector_sum']:.3g}"
+        )
+    more = f"{len(rows) - SHOWN} weaker records: peaks.csv" if len(rows) > SHOWN else ""
+    return [*lines, more] if more else lines
 
 
 def outcome_text(row: dict) -> str:

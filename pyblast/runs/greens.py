@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import scipy
+import scipy.sparse
 
 from ..core import BATCH_SIZE, JOINT_LAWS
 from ..errors import InputError
@@ -409,14 +410,12 @@ def _point_sources(model) -> list[PointSource]:
 
 def _places(sources, within):
     """Return one source for each place and kind; sources within reach of another are left out."""
-    chosen = []
+    chosen, by_kind = [], {}
     for source in sources:
-        reached = [
-            likeness(other) == likeness(source)
-            and np.linalg.norm(position_of(other) - position_of(source)) <= within + NEAR
-            for other in chosen
-        ]
-        if not any(reached):
+        alike, position = by_kind.setdefault(likeness(source), []), position_of(source)
+        away = np.array([position_of(other) - position for other in alike]).reshape(-1, 3)
+        if not (np.linalg.norm(away, axis=1) <= within + NEAR).any():
+            alike.append(source)
             chosen.append(source)
     return chosen
 
@@ -514,12 +513,12 @@ def _from_receivers(model, prepared, numbers):
     for row, load in zip(table, each, strict=True):
         np.add.at(row, np.searchsorted(nodes, load["load_node"]), load["load_vector"])
     forces = [_receiver_loads(model, prepared, n) for n in numbers]
-    pieces = [
-        np.tensordot(motion[:, len(model.receivers) :], table, axes=([1, 2], [1, 2]))
-        for motion in _unit_step_runs(prepared, forces, nodes)
-    ]
-    responses = np.concatenate(pieces).transpose(1, 2, 0)
-    return [np.ascontiguousarray(response) for response in responses]
+    weights, pieces = scipy.sparse.csr_array(table.reshape(len(each), -1)), []
+    for motion in _unit_step_runs(prepared, forces, nodes):
+        loaded = np.moveaxis(motion[:, len(model.receivers) :], 0, -1)  # (nodes, 3, loads, steps)
+        along = weights @ loaded.reshape(weights.shape[1], -1)
+        pieces.append(along.reshape(len(each), len(numbers), -1))
+    return list(np.ascontiguousarray(np.concatenate(pieces, axis=2).swapaxes(0, 1)))
 
 
 def _pushes(receivers):

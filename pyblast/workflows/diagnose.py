@@ -53,7 +53,7 @@ class Diagnosis:
     scene : Scene
     search : Search
     null : NullDistribution or None
-        None if there was nothing to search for.
+        None if there was nothing to search for, or effects were scored.
     decision : Decision
     summary : dict
         As in ``diagnosis.json``.
@@ -91,7 +91,7 @@ def diagnose(
     budget : int
         Number of runs of one blast after which no further effect is tried.
     seed : int
-        Of the null distribution.
+        Of the null distribution, or of the draws without an effect.
     correct : bool
         Whether to mend mistakes in records and hole tables and go on. Otherwise a diagnosis with
         mistakes ends with them, as outcome ``MISTAKE``: the ground would be blamed for them.
@@ -128,32 +128,15 @@ def diagnose(
     everything = case_of(project)
     report("calibration", 0, 1)
     case = taught(everything, lambda part: Forward(part, folder, executor))
-    forward, finer = Forward(case, folder, executor), None
-    if not wrong and case.share is None and finer_mesh(case.project) is not None:
-        finer = Forward(case, folder, executor, fine=True)  # trusted shots show the mesh's error
-    table = case.project.config.diagnosis
-    fixed = wrong or case.share is not None or (table is not None and not table.calibrate)
-    calibrated = () if fixed else None
-    forwards = [*checks, forward] if finer is None else [*checks, forward, finer]
-    baseline = None
-    if finer is not None:
-        with contained(failures, FINER_MESH):
-            baseline = calibrate(forward, finer, calibrated)
-    if baseline is None:
-        finer, baseline = None, calibrate(forward, None, calibrated)
-    report("holes", 0, 1)
-    holes = {}
-    if not wrong:
-        with contained(failures, HOLES):
-            holes = forward.hole_motion(baseline.project)
-    scene = Scene(forward, baseline, holes, failures)
+    scene, finer = prepared(case, folder, executor, failures, wrong, report)
+    forwards = [each for each in (*checks, scene.forward, finer) if each is not None]
     if wrong:
         chosen = fit_calibrated(scene)
         done = Search(scene, budget, report, chosen, chosen=chosen)
     else:
-        done = search(scene, budget, report, lambda state: known(known_so_far(state)))
+        done = search(scene, budget, report, lambda state: known(known_so_far(state)), seed)
     null = None
-    if done.fits:
+    if done.fits and done.scores is None:
         with contained(failures, "null threshold"):
             null = null_distribution(scene, done.without_effects, done.screening, done.fits, seed)
     decision = undecided(done)
@@ -174,6 +157,62 @@ def diagnose(
         "finished": done.finished,
     }
     return Diagnosis(scene, done, null, decision, plain(summary))
+
+
+def prepared(
+    case: Case,
+    folder=None,
+    executor: Executor | None = None,
+    failures: dict | None = None,
+    wrong: bool = False,
+    progress: Callable = lambda *_: None,
+) -> tuple[Scene, Forward | None]:
+    """Calibrate a case and simulate its holes.
+
+    Parameters
+    ----------
+    case : Case
+    folder, executor
+        As of `diagnose`.
+    failures : dict, optional
+        Gets the parts that fail.
+    wrong : bool
+        Whether the records hold mistakes; then nothing is calibrated.
+    progress : callable, optional
+        Called with (stage, done, total).
+
+    Returns
+    -------
+    Scene
+    Forward or None
+        On the better mesh, None where there is none.
+
+    Raises
+    ------
+    InputError
+        If the records cannot be compared.
+    SolverError
+        If a run of the reference fails.
+    """
+    failures = {} if failures is None else failures
+    forward, finer = Forward(case, folder, executor), None
+    if not wrong and case.share is None and finer_mesh(case.project) is not None:
+        finer = Forward(case, folder, executor, fine=True)  # trusted shots show the mesh's error
+    table = case.project.config.diagnosis
+    fixed = wrong or case.share is not None or (table is not None and not table.calibrate)
+    calibrated = () if fixed else None
+    baseline = None
+    if finer is not None:
+        with contained(failures, FINER_MESH):
+            baseline = calibrate(forward, finer, calibrated)
+    if baseline is None:
+        finer, baseline = None, calibrate(forward, None, calibrated)
+    progress("holes", 0, 1)
+    holes = {}
+    if not wrong:
+        with contained(failures, HOLES):
+            holes = forward.hole_motion(baseline.project)
+    return Scene(forward, baseline, holes, failures), finer
 
 
 def _checking(checks, folder, executor, case):
@@ -439,7 +478,7 @@ def diagnose_case(
     budget : int
         Number of runs of one blast after which no further effect is tried.
     seed : int
-        Of the null distribution.
+        Of the null distribution, or of the draws without an effect.
     correct : bool
         Whether to mend mistakes in the records and go on.
     executor : concurrent.futures.Executor, optional

@@ -171,7 +171,7 @@ def test_command_prints_the_law_and_the_charges_of_a_limit():
 
 
 def test_example_ends_with_a_figure(tmp_path):
-    script = Path(__file__).parents[2] / "examples" / "03_site_law.py"
+    script = Path(__file__).parents[2] / "examples" / "02_site_law.py"
     figure = tmp_path / "law.png"
     environment = os.environ | {"PYTHONPATH": str(script.parents[1]), "MPLBACKEND": "agg"}
     table = script.with_name("site_peaks.csv")
@@ -181,3 +181,41 @@ def test_example_ends_with_a_figure(tmp_path):
 
     assert figure.read_bytes().startswith(b"\x89PNG")
     assert "PPV = " in done.stdout
+
+
+@pytest.mark.parametrize("factor", [3.4, 0.2])
+def test_a_record_that_the_law_of_the_others_does_not_allow_is_named(factor):
+    rng = np.random.default_rng(3)
+    distance = np.linspace(80.0, 500.0, 12)
+    ppv = 0.9 * (distance / 8.0) ** -1.5 * 10.0 ** rng.normal(0.0, 0.06, 12)
+    clean = fit_site_law(distance, np.full(12, 64.0), ppv)
+    ppv[6] *= factor
+
+    (said,) = [
+        note for note in fit_site_law(distance, np.full(12, 64.0), ppv).notes if "lies" in note
+    ]
+
+    others = fit_site_law(np.delete(distance, 6), np.full(11, 64.0), np.delete(ppv, 6))
+    times = ppv[6] / others.line(distance[6], 64.0)
+    assert not any("lies" in note for note in clean.notes)
+    assert f"record 7 lies {max(times, 1.0 / times):.2g} times" in said
+    assert ("above" in said) == (factor > 1.0)
+
+
+def test_an_outlier_is_named_where_it_hides_the_law():
+    distance = np.array([100.0, 120.0, 150.0, 180.0, 210.0, 240.0])
+    ppv = 0.9 * (distance / 8.0) ** -1.5 * np.array([1.02, 0.97, 1.03, 0.98, 1.02, 9.0])
+
+    with pytest.raises(InputError, match=r"may not fall at all.*record 6 lies .* above the law"):
+        fit_site_law(distance, np.full(6, 64.0), ppv)
+
+
+def test_of_sites_without_an_outlier_one_in_twenty_names_one():
+    rng = np.random.default_rng(1)
+    distance, named = np.geomspace(50.0, 500.0, 15), 0
+    for _ in range(400):
+        ppv = 0.9 * (distance / 8.0) ** -1.5 * 10.0 ** rng.normal(0.0, 0.15, 15)
+        law = fit_site_law(distance, np.full(15, 64.0), ppv)
+        named += any("law of the others" in note for note in law.notes)
+
+    assert 8 <= named <= 32  # 20 expected, standard deviation 4.4

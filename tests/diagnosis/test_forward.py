@@ -1,8 +1,11 @@
 """What a diagnosis counts of its runs."""
 
+import numpy as np
+import pytest
+from grounds import case_on, slope
 from small_site import recorded, small_site
 
-from pyblast.diagnosis.forward import Forward
+from pyblast.diagnosis.forward import Forward, probe_positions_inside
 
 
 def test_a_run_counts_as_kept_once_and_only_if_it_was_there_before(tmp_path):
@@ -16,3 +19,17 @@ def test_a_run_counts_as_kept_once_and_only_if_it_was_there_before(tmp_path):
 
     assert (made.runs, made.cached, made.cached_s) == (2, 0, 0.0)
     assert (after.runs, after.cached, after.cached_s) == (3, 1, whole)
+
+
+def test_probe_receivers_are_as_deep_below_a_slope_as_their_receiver():
+    case = case_on("survey")
+    receiver = next(r for r in case.project.receivers if r.position[0] > 60.0)
+    x, _, z = receiver.position
+    offsets = np.array([-6.0, 0.0, 6.0])
+
+    positions = np.array(probe_positions_inside(case, receiver, offsets))
+
+    assert np.ptp(positions[:, :2], axis=0) == pytest.approx([12.0, 12.0])
+    assert positions[:, 2] - slope(positions[:, 0]) == pytest.approx(
+        np.full(9, z - slope(x)), abs=1e-6
+    )

@@ -260,6 +260,7 @@ def test_the_search_of_slow_soil_begins_at_a_layer_that_rings_as_the_records_do(
 
     depth, factor = LIBRARY["soft_surface_layer"].begins(heard)
 
+    # The peak of the spectrum of 0.4 s, 2.5 Hz wide, lies within 2 Hz of the resonance.
     assert factor * rock.cs / (4.0 * depth) == pytest.approx(
         slower * rock.cs / (4.0 * thickness), rel=0.2
     )

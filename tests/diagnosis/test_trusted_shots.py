@@ -29,16 +29,21 @@ def waves(late=0.0, scale=1.0):
     return motion
 
 
+WITHOUT_HOLES = SimpleNamespace(
+    config=SimpleNamespace(holes_inside=None, signature=None), blast=None
+)
+
+
 def case_of(recorded, gain=None, **table):
     """Return records of one or several shots (n_shots, n_receivers, 3, n)."""
     fields = {
         "motion": recorded, "valid": np.abs(recorded).sum(axis=-1, keepdims=True) > 0.0,
         "gain": gain, "share": None, "dt": DT,
-        "band": SimpleNamespace(low=8.0, high=40.0),
+        "band": SimpleNamespace(low=8.0, high=40.0, dt=DT),
         "blasts": tuple(f"S{b}" for b in range(len(recorded))),
         "receivers": tuple(f"G{r}" for r in range(RECEIVERS)),
         "project": SimpleNamespace(
-            config=SimpleNamespace(diagnosis=DiagnosisConfig(**table)),
+            config=SimpleNamespace(diagnosis=DiagnosisConfig(**table)), of=lambda _: WITHOUT_HOLES,
             receivers=[
                 SimpleNamespace(name=f"G{r}", position=(2.0 * r, 0.0, 0.0))
                 for r in range(RECEIVERS)
@@ -102,6 +107,28 @@ def test_loss_is_the_exponential_of_travel_time():
     expected = np.exp(-np.pi * f * 0.04 * 0.23)
     np.testing.assert_allclose(ratio[inside], expected[inside], rtol=0.06)
     np.testing.assert_allclose(loss_along_paths(scene, motion, "", 0.0), motion, atol=1e-12)
+
+
+def test_loss_of_a_hole_is_counted_from_its_own_firing():
+    scene, delay = SimpleNamespace(case=case_of(waves()[None])), 0.2
+    late = np.roll(waves(), round(delay / DT), axis=-1)
+    blast = SimpleNamespace(
+        times=np.array([0.0, delay]), charge=np.ones(2), centres=np.zeros((2, 3))
+    )
+    fired = SimpleNamespace(
+        config=SimpleNamespace(holes_inside=True, signature=None, blast=None), blast=blast,
+        materials={"rock": SimpleNamespace(cs=1000.0)}, receivers=[],
+    )  # fmt: skip
+    scene.case.project.of = lambda _: fired
+
+    lost = loss_along_paths(scene, (waves() + late)[None], "", 0.04)[0]
+
+    scene.case.project.of = lambda _: WITHOUT_HOLES
+    each = loss_along_paths(scene, waves()[None], "", 0.04)[0]
+    both = each + np.roll(each, round(delay / DT), axis=-1)
+    counted_at_once = loss_along_paths(scene, (waves() + late)[None], "", 0.04)[0]
+    assert np.sum((lost - both) ** 2) < 0.02 * np.sum(both**2)
+    assert np.sum((counted_at_once - both) ** 2) > 0.05 * np.sum(both**2)
 
 
 def test_two_swaps_of_the_same_channels_undo_one_another():

@@ -1,6 +1,7 @@
 """`./dev docs --check`: commands, pictures and numbers of documents are those of the program."""
 
 import io
+import re
 
 import numpy as np
 import pytest
@@ -78,6 +79,18 @@ def test_commands_are_those_of_blocks_of_indented_lines_and_in_backticks(tmp_pat
 )  # fmt: skip
 def test_texts_are_the_same_up_to_the_error_of_numbers(made, other):
     assert differs("After 23 runs 0.558 (0.495 to 0.629)", made) == other
+
+
+def test_the_index_of_examples_has_no_gaps_and_lists_all_of_them():
+    text = (ROOT / "docs" / "examples.md").read_text(encoding="utf-8")
+    rows = re.findall(r"^\| (\d+) \| `(examples/[^`]+)` \|", text, re.MULTILINE)
+    scripts = sorted((ROOT / "examples").glob("[0-9]*.py"))
+    projects = {path.parent for path in (ROOT / "examples").glob("*/project.toml")}
+
+    assert [int(number) for number, _ in rows] == list(range(1, len(rows) + 1))
+    assert all((ROOT / path).exists() for _, path in rows)
+    assert [path.name[:3] for path in scripts] == [f"{n:02d}_" for n in range(1, len(scripts) + 1)]
+    assert {*scripts, *projects} <= {ROOT / path for _, path in rows}
 
 
 def png(image):

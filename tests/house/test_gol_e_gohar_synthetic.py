@@ -1,4 +1,4 @@
-"""The twin of the example: what its records are made of, without the search."""
+"""The synthetic site of the example: what its records are made of, without the search."""
 
 from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
@@ -8,6 +8,7 @@ import pytest
 
 from pyblast.back_analysis.parameters import check_parameters
 from pyblast.inference.parameter import Parameter
+from pyblast.signals.seismogram import Seismogram
 
 FOLDER = Path(__file__).parents[2] / "examples" / "gol_e_gohar"
 
@@ -20,32 +21,46 @@ def loaded(name):
 
 
 @pytest.fixture(scope="module")
-def twin():
-    return loaded("twin")
+def reproduce():
+    return loaded("reproduce")
 
 
-@pytest.mark.parametrize("real", [False, True])
-def test_the_records_are_made_with_the_values_of_the_paper(twin, real):
-    fault = twin.project(25, 1.0, real).config.joints["fault"].model_extra
+@pytest.mark.parametrize("edges", ["FINE", "COARSE"])
+def test_the_records_are_made_with_the_values_of_the_paper(reproduce, edges):
+    config = reproduce.project(getattr(reproduce, edges)).config
+    fault = config.joints["fault"].model_extra
 
     assert (fault["kn_gpa_per_m"], fault["ks_gpa_per_m"]) == (0.114, 0.025)
-    assert twin.project(25, 1.0, real).config.damping.ratio == 0.0112
+    assert config.damping.ratio == 0.0112
 
 
-def test_the_truth_lies_within_the_ranges_which_the_project_knows(twin):
-    parameters = [Parameter(path, low, high) for path, (low, high, _) in twin.RANGES.items()]
+def test_the_truth_lies_within_the_ranges_which_the_project_knows(reproduce):
+    parameters = [Parameter(path, low, high) for path, (low, high, *_) in reproduce.RANGES.items()]
 
-    check_parameters(twin.project(25, 1.0, False), parameters)
-    assert all(low < true < high for low, high, true in twin.RANGES.values())
+    check_parameters(reproduce.project(reproduce.COARSE), parameters)
+    assert all(low < true < high for low, high, true, _ in reproduce.RANGES.values())
+    assert reproduce.FINE > 1.4 * reproduce.COARSE  # not the mesh of the search
 
 
-def test_noise_has_unit_level_and_repeats_with_its_seed(twin):
-    first, origin = twin.noise(256, 1.0 / 256.0, np.random.default_rng(4))
-    second, _ = twin.noise(256, 1.0 / 256.0, np.random.default_rng(4))
+@pytest.mark.parametrize("converged", [True, False])
+def test_an_interval_is_given_only_where_the_search_has_converged(reproduce, converged):
+    rows = [{"path": path, "best": 0.1, "within": [0.09, 0.12]} for path in reproduce.RANGES]
 
-    assert first.std(axis=0) == pytest.approx([1.0] * 3, rel=1e-12)
-    assert np.array_equal(first, second)
-    assert origin
+    lines = list(reproduce.rows_of({"parameters": rows, "fit": {"converged": converged}}))
+
+    assert len(lines) == 3
+    assert all(("0.09 to 0.12" in line) == converged for line in lines)
+    assert all(("not converged" in line) != converged for line in lines)
+
+
+def test_the_energy_after_one_second_is_a_share(reproduce):
+    late = np.where(np.arange(200) * 0.01 < 1.005, 1.0, 0.5)
+    motion = Seismogram(np.outer(late, [1.0, 2.0, 3.0]), 0.01)
+
+    ppv, _, share = reproduce.measures(motion)
+
+    assert ppv == pytest.approx([1e3, 2e3, 3e3])
+    assert share == pytest.approx([100.0 * 99 * 0.25 / (101 + 99 * 0.25)] * 3)
 
 
 def test_the_table_beside_the_paper_takes_the_place_of_the_last_one():

@@ -10,7 +10,7 @@ def test_house_example_ends_with_a_figure_and_a_ppv(tmp_path):
     figure = tmp_path / "house.png"
     environment = {**os.environ, "PYTHONPATH": str(ROOT), "MPLBACKEND": "agg"}
     done = subprocess.run(
-        [sys.executable, ROOT / "examples" / "02_house_limits.py", figure],
+        [sys.executable, ROOT / "examples" / "01_house_limits.py", figure],
         env=environment,
         capture_output=True,
         text=True,

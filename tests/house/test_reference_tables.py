@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from docs.reference_tables import TABLES, written
+from docs.reference_tables import TABLES, grounds, written
 from pyblast.diagnosis.hypotheses import LIBRARY
 
 REFERENCE = Path(__file__).parents[2] / "docs" / "reference"
@@ -21,6 +21,11 @@ def test_a_table_is_that_of_the_program(name):
 
     assert TABLES[name]() in text
     assert written(text) == text, f"run: python -m {written.__module__} {PAGES[name]}"
+
+
+@pytest.mark.long
+def test_the_table_of_grounds_is_that_of_the_small_site_on_each():
+    assert grounds() in PAGE.read_text(encoding="utf-8")
 
 
 def test_all_say_what_would_settle_them():

@@ -168,3 +168,15 @@ def test_a_change_is_detected_at_the_strength_that_is_stated_in_nine_of_ten_case
     scores = test(drawn + strength * change.shapes)
 
     assert np.mean(scores.log_bayes[0] > 10.0) == pytest.approx(0.9, abs=0.05)
+
+
+def test_without_changes_the_evidence_is_that_of_the_error(problem):
+    motion, blocks, nuisances, band = problem
+    residual = 0.1 * band.project(np.roll(motion, 4, axis=-1))[None]
+    error = AveragedError(blocks, nuisances, SINGLE)
+
+    scores = ScoreTest(error)(residual)
+
+    beside = ScoreTest(error, changes_of(motion, band))(residual)
+    assert scores.log_bayes.shape == (0, 1)
+    assert scores.log_evidence == pytest.approx(beside.log_evidence)

@@ -199,7 +199,7 @@ def test_what_makes_no_plan_is_refused(spectra):
 
 
 def test_example_ends_with_a_gain_and_a_figure(tmp_path):
-    script = Path(__file__).parents[2] / "examples" / "04_best_delays.py"
+    script = Path(__file__).parents[2] / "examples" / "03_best_delays.py"
     environment = os.environ | {"PYTHONPATH": str(script.parents[1]), "MPLBACKEND": "agg"}
 
     done = subprocess.run([sys.executable, script, tmp_path / "best.png"], env=environment,

@@ -7,6 +7,7 @@ import pytest
 from small_project import written
 
 from pyblast.blasts.blast import Firing
+from pyblast.errors import Finding
 from pyblast.model.joint import Joint
 from pyblast.model.material import Damping, Material
 from pyblast.project import checks as checks_loads
@@ -187,14 +188,33 @@ def test_d12_the_thickness_that_resonates_at_four_hertz():
 
 
 def test_d13_the_air_blast_arrives_before_one_second():
-    finding = checks_loads.air_blast("R1", 300.0, 0.12, 2.0)
+    finding = checks_loads.air_blast({"R1": 300.0, "far": 900.0}, 0.12, 2.0)
 
     assert finding.numbers["first"] == pytest.approx(0.88, abs=0.005)
     assert finding.numbers["last"] == pytest.approx(1.0, abs=0.005)
 
 
+def test_d13_names_the_receivers_in_one_line_without_those_whose_records_end_before():
+    text = checks_loads.air_blast({"a": 34.0, "b": 68.0, "far": 900.0}, 0.02, 2.0).text
+
+    assert "it reaches a from 0.10 to 0.12 s, b from 0.20 to 0.22 s: late" in text
+    assert "far" not in text
+
+
+def test_findings_of_one_kind_are_one_and_say_each_sentence_once():
+    first, second, other = (
+        Finding("D8", title, text)
+        for title, text in (("A", "F1 passes 0.9. Look there."),
+                            ("A", "F2 passes 0.8. Look there."), ("B", "F3 passes 0.7."))
+    )  # fmt: skip
+
+    kinds = checks_loads.one_a_kind([first, other, second])
+
+    assert [one.text for one in kinds] == ["F1 passes 0.9. Look there. F2 passes 0.8.", other.text]
+
+
 def test_d13_is_silent_where_the_record_ends_before():
-    assert checks_loads.air_blast("R1", 300.0, 0.12, 0.8) is None
+    assert checks_loads.air_blast({"R1": 300.0}, 0.12, 0.8) is None
 
 
 def test_d16_rayleigh_damping_off_centre():

@@ -93,6 +93,26 @@ def test_the_offset_of_a_recorder_does_not_add_up_over_the_holes(tmp_path):
     assert quiet < 1e-5  # 60 holes would make 12 mm/s of 0.2 mm/s
 
 
+def test_a_clipped_hole_is_refused_unless_the_user_accepts_it(tmp_path):
+    times = np.arange(0.0, 1.0, 1.0 / 512.0)
+    pulse = np.exp(-(((times - 0.3) / 0.1) ** 2)) * np.sin(60.0 * times)
+    record = Seismogram(np.outer(np.clip(pulse, -0.5, 0.5), [1.0, 0.3, 0.2]), 1.0 / 512.0)
+    write_csv(tmp_path / "hole.csv", record)
+    cavity = TEXT[TEXT.index("[signature.cavity]") : TEXT.index("[input]")]
+    recorded = '[signature]\nrecorded = { file = "hole.csv"%s }\n'
+    clipped, accepted = (
+        written(tmp_path, (cavity, recorded % more), ('"signature.cavity", ', ""))
+        .rename(tmp_path / f"{number}.toml")
+        for number, more in enumerate((", full_scale_mm_per_s = 500",
+                                       ", full_scale_mm_per_s = 500, accept_clipped = true"))
+    )  # fmt: skip
+    full = int((np.abs(pulse) >= 0.5).sum())
+
+    with pytest.raises(InputError, match=rf"clipped \({full} of east\), .* accept_clipped = true"):
+        load_project(clipped).signature  # noqa: B018
+    assert load_project(accepted).signature.ppv[0] > 0.4
+
+
 def test_travel_times_without_places_are_refused(tmp_path):
     cavity = TEXT[TEXT.index("[signature.cavity]") : TEXT.index("[input]")]
     recorded = '[signature]\nrecorded = { file = "hole.csv" }\n'

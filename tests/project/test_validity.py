@@ -141,3 +141,14 @@ def test_nothing_that_says_how_fine_the_ground_shall_be_is_refused(tmp_path):
 
     with pytest.raises(InputError, match=r"project.toml: mesh.edge_m: missing, and no blast says"):
         project.mesh  # noqa: B018
+
+
+def test_ground_that_needs_endless_tetrahedra_is_refused_with_the_reason(tmp_path):
+    slow = (SLOW[0], SLOW[1].replace("cs_m_per_s = 300", "cs_m_per_s = 90"))
+    wide = ("size_m = [60, 20, 30]", "size_m = [200, 100, 30]")
+    project = load_project(
+        written(tmp_path, UNSIZED, wide, (LAYERS, SOIL.format(4)), slow, text=INSIDE)
+    )
+
+    with pytest.raises(InputError, match=r"'soil' needs edges of 0.\d+ m .* give it qp and qs"):
+        project.mesh  # noqa: B018

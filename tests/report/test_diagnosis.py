@@ -19,7 +19,15 @@ from pyblast.diagnosis.null_distribution import NullDistribution
 from pyblast.diagnosis.search import ScreeningResult, Search
 from pyblast.diagnosis.summary import summarise, summary_lines
 from pyblast.diagnosis.thresholds import DECISIVE, REMAINS
-from pyblast.report.diagnosis import claims, lead, render_diagnosis, screened_rows, usual
+from pyblast.report.diagnosis import (
+    claims,
+    detection_limit_rows,
+    lead,
+    render_diagnosis,
+    score_rows,
+    screened_rows,
+    usual,
+)
 
 SLOW = Effect("clock_error", "R2", ((0.0,),))
 DELAYS = Effect("delay_scatter", "B1", ((0.0, 0.0, 0.0),))
@@ -275,3 +283,54 @@ def test_what_is_left_out_is_foretold_as_well_as_its_fold_says():
     assert 1.0 - np.sum(left**2) / np.sum(heard**2) == pytest.approx(
         fold.variance_reduction_after, abs=1e-6
     )
+
+
+def test_scores_are_listed_of_what_was_not_fitted():
+    ranking = [{"labels": ["clock_error"]}]
+    scores = {"clock_error": 40.0, "soft_surface_layer": 3.4, "topography": -1.8}
+
+    rows = score_rows({"evidence": {"ranking": ranking, "scores": scores}})
+
+    assert rows == ["soft_surface_layer (3)", "topography (-2)"]
+
+
+LIMIT = {
+    "label": "clock_error", "form": "", "target": "receiver", "parameter": "shift", "unit": "s",
+    "per_hole": False, "null_value": 0.0, "value": 4e-3, "beside": {}, "not_detected_at": ["R3"],
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("change", "sentence"),
+    [
+        ({}, "clock_error at any receiver: shift of 4 ms or more would have been detected, but not "
+             "at R3."),
+        ({"label": "missing_joint", "form": "parallel", "target": "plane", "parameter": "kn",
+          "unit": "Pa/m", "null_value": None, "value": 3e9, "beside": {"ks": 1.2e9},
+          "not_detected_at": []},
+         "missing_joint (parallel) at any plane: kn of 3 GPa/m or less (with ks 1.2e+09) would "
+         "have been detected."),
+        ({"label": "soft_surface_layer", "target": "site", "parameter": "slower", "unit": "",
+          "null_value": 1.0, "value": 0.8, "not_detected_at": []},
+         "soft_surface_layer: slower of 0.8 or less would have been detected."),
+        ({"value": None, "not_detected_at": []},
+         "clock_error at any receiver: would not have been detected at any strength that was "
+         "simulated."),
+    ],
+)  # fmt: skip
+def test_a_detection_limit_is_a_sentence_in_the_unit_of_its_parameter(change, sentence):
+    assert detection_limit_rows({"detection_limits": [LIMIT | change]}) == [sentence]
+
+
+@pytest.mark.parametrize(
+    ("deviation", "said"),
+    [(3.4, "rock.cs lies more than 3 prior deviations off"), (0.4, "could not be fitted")],
+)
+def test_what_is_unknown_though_the_misfit_is_small_says_why(deviation, said):
+    found, summary = made("UNKNOWN")
+    evidence = summary["evidence"] | {"ranking": [], "scores": {"joint_slip": 4.0}}
+    calibration = [{"parameter": "rock.cs", "factor": 1.07, "prior_deviation": deviation}]
+
+    text = lead(found, summary | {"evidence": evidence, "calibration": calibration})
+
+    assert said in text

@@ -7,6 +7,7 @@ import pytest
 
 from verification import ground
 from verification.ground import SEED, TURNS, project_of, tables_of, turned, wrong_ground
+from verification.rows import read_rows
 
 FAST = (0, 1, 5, 6, 10, 11, 13, 17, 19, 22)  # of the seed, without tetrahedra
 LONG = [n for n in range(40) if n not in FAST]
@@ -77,3 +78,16 @@ def test_a_plane_that_is_missing_is_judged_wrong(tmp_path):
     wrong = wrong_ground(tables, replace(mesh, surfaces=half), np.random.default_rng(0))
 
     assert any(text.startswith(f"{name} lacks") for text in wrong)
+
+
+def test_the_page_shows_the_summary_of_the_rows():
+    rows = read_rows(ground.OUT)
+    own = {name: row for name, row in rows.items() if name != "summary"}
+
+    found = ground.summary(SEED, own)
+    page = ground.paged(ground.PAGE.read_text(), found)
+
+    assert found["projects"] >= 300
+    assert found["wrong"] == 0
+    assert f"| projects of seed 2026 | {found['projects']} |" in page
+    assert ground.paged(page, found) == page

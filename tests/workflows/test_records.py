@@ -109,8 +109,11 @@ def test_peaks_of_several_records_come_as_tables_with_the_air_overpressure(tmp_p
     for name, loud in (("one", True), ("two", False)):
         (folder / f"{name}.txt").write_text(files.instantel_ascii(microphone=loud))
 
-    assert call("records", folder).exit_code == 0
+    done = call("records", folder)
 
+    assert done.exit_code == 0
+    assert "one.txt: PPV in mm/s longitudinal 8 at" in done.output
+    assert done.output.count("not analysed: one.txt") == 1  # one line for all that need a line
     results = tmp_path / "records_analysis" / "001"
     with (results / "peaks.csv").open() as file:
         rows = list(csv.DictReader(file))

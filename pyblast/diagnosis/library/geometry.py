@@ -217,8 +217,28 @@ def _with_joint(project, target, kn, ks, **where):
 
 OFFSET = Parameter("offset", mean=0.0, sigma=10.0, unit="m", starts=(0.0,), low=-40.0, high=40.0)
 STIFFNESSES = (
-    Parameter("kn", mean=1e9, sigma=1.5, unit="Pa/m", log=True, starts=(1e9,), low=2e7, high=5e10),
-    Parameter("ks", mean=4e8, sigma=1.5, unit="Pa/m", log=True, starts=(4e8,), low=1e7, high=2e10),
+    Parameter(
+        "kn",
+        mean=1e9,
+        sigma=1.5,
+        unit="Pa/m",
+        log=True,
+        starts=(1e9,),
+        low=2e7,
+        high=5e10,
+        null=np.inf,
+    ),
+    Parameter(
+        "ks",
+        mean=4e8,
+        sigma=1.5,
+        unit="Pa/m",
+        log=True,
+        starts=(4e8,),
+        low=1e7,
+        high=2e10,
+        null=np.inf,
+    ),
 )
 BOTH_SIDES = "receivers close to the plane on both sides, or a blast on its other side"
 
@@ -295,7 +315,9 @@ def _moved(project, target, dip, turn, shift):
     return _as_meshed(project, project.changed(mesh=mesh.model_copy(update={"faults": faults})))
 
 
-SHIFT = Parameter("shift", mean=0.0, sigma=6.0, unit="m", starts=(-6.0, 6.0), low=-30.0, high=30.0)
+SHIFT = Parameter(
+    "shift", mean=0.0, sigma=6.0, unit="m", starts=(-6.0, 6.0), low=-30.0, high=30.0, null=0.0
+)
 SURVEYED = "a borehole through the fault, or its outcrop surveyed again"
 
 
@@ -308,10 +330,24 @@ SURVEYED = "a borehole through the fault, or its outcrop surveyed again"
     axis="both",
     parameters=[
         Parameter(
-            "dip", mean=0.0, sigma=0.12, unit="rad", starts=(-0.12, 0.12), low=-0.5, high=0.5
+            "dip",
+            mean=0.0,
+            sigma=0.12,
+            unit="rad",
+            starts=(-0.12, 0.12),
+            low=-0.5,
+            high=0.5,
+            null=0.0,
         ),
         Parameter(
-            "turn", mean=0.0, sigma=0.15, unit="rad", starts=(-0.15, 0.15), low=-0.7, high=0.7
+            "turn",
+            mean=0.0,
+            sigma=0.15,
+            unit="rad",
+            starts=(-0.15, 0.15),
+            low=-0.7,
+            high=0.7,
+            null=0.0,
         ),
         SHIFT,
     ],
@@ -368,7 +404,14 @@ def directions(case) -> tuple[str, ...]:
     axis="both",
     parameters=[
         Parameter(
-            "height", mean=0.0, sigma=10.0, unit="m", starts=(-8.0, 8.0), low=-40.0, high=40.0
+            "height",
+            mean=0.0,
+            sigma=10.0,
+            unit="m",
+            starts=(-8.0, 8.0),
+            low=-40.0,
+            high=40.0,
+            null=0.0,
         ),
         Parameter(
             "position", mean=0.0, sigma=30.0, unit="m", starts=(0.0,), low=-120.0, high=120.0
@@ -425,8 +468,8 @@ def isotropic_materials(case) -> tuple[str, ...]:
     targets=isotropic_materials,
     axis="both",
     parameters=[
-        Parameter("p", mean=1.0, sigma=0.15, log=True, starts=(1.0,), low=0.4, high=2.0),
-        Parameter("s", mean=1.0, sigma=0.15, log=True, starts=(0.9, 1.1), low=0.4, high=2.0),
+        Parameter("p", mean=1.0, sigma=0.15, log=True, starts=(1.0,), low=0.4, high=2.0, null=1.0),
+        Parameter("s", mean=1.0, sigma=0.15, log=True, starts=(1.0,), low=0.4, high=2.0, null=1.0),
     ],
     decided_by="a hammer test or a crosshole survey in this material",
 )

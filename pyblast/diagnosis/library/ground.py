@@ -81,7 +81,16 @@ class Fabric:
     target="site",
     axis="both",
     parameters=[
-        Parameter("q", mean=20.0, sigma=0.8, log=True, starts=(8.0, 25.0), low=4.0, high=300.0)
+        Parameter(
+            "q",
+            mean=20.0,
+            sigma=0.8,
+            log=True,
+            starts=(8.0, 25.0),
+            low=4.0,
+            high=300.0,
+            null=np.inf,
+        )
     ],
     decided_by="receivers at distances of three to one, without a joint between them",
     needs=(unknown_quality,),
@@ -128,8 +137,8 @@ def _as_stiff(project, target, azimuth, normal, shear):
             low=-7.0,
             high=7.0,
         ),
-        Parameter("normal", mean=0.2, sigma=0.15, starts=(0.25,), low=0.0, high=0.8),
-        Parameter("shear", mean=0.2, sigma=0.15, starts=(0.15,), low=0.0, high=0.8),
+        Parameter("normal", mean=0.2, sigma=0.15, starts=(0.25,), low=0.0, high=0.8, null=0.0),
+        Parameter("shear", mean=0.2, sigma=0.15, starts=(0.15,), low=0.0, high=0.8, null=0.0),
     ],
     decided_by="receivers in five or more directions from the blast",
     needs=(ground_without_loss, three_directions),
@@ -223,10 +232,26 @@ def _cut_there(project, target, offset, kn, ks):
     parameters=[
         Parameter("offset", mean=0.0, sigma=5.0, unit="m", starts=(0.0,), low=-25.0, high=25.0),
         Parameter(
-            "kn", mean=1e9, sigma=1.5, unit="Pa/m", log=True, starts=(1e9,), low=2e7, high=5e10
+            "kn",
+            mean=1e9,
+            sigma=1.5,
+            unit="Pa/m",
+            log=True,
+            starts=(1e9,),
+            low=2e7,
+            high=5e10,
+            null=np.inf,
         ),
         Parameter(
-            "ks", mean=4e8, sigma=1.5, unit="Pa/m", log=True, starts=(4e8,), low=1e7, high=2e10
+            "ks",
+            mean=4e8,
+            sigma=1.5,
+            unit="Pa/m",
+            log=True,
+            starts=(4e8,),
+            low=1e7,
+            high=2e10,
+            null=np.inf,
         ),
     ],
     decided_by="receivers close to the plane on both sides, or a blast on its other side",
@@ -320,7 +345,14 @@ def _resonant_layer(scene):
             high=THICK,
         ),
         Parameter(
-            "slower", mean=0.4, sigma=0.4, log=True, starts=(0.4,), low=SLOWEST, high=FASTEST
+            "slower",
+            mean=0.4,
+            sigma=0.4,
+            log=True,
+            starts=(0.4,),
+            low=SLOWEST,
+            high=FASTEST,
+            null=1.0,
         ),
     ],
     decided_by="a receiver on bare rock beside one on the ground, or a hammer test",
@@ -341,8 +373,12 @@ def soft_surface_layer(project, target, thickness, slower):
     targets=receivers_with_space,
     axis="blasts",
     parameters=[
-        Parameter("east", mean=0.0, sigma=8.0, unit="m", starts=(0.0,), low=-30.0, high=30.0),
-        Parameter("north", mean=0.0, sigma=8.0, unit="m", starts=(0.0,), low=-30.0, high=30.0),
+        Parameter(
+            "east", mean=0.0, sigma=8.0, unit="m", starts=(0.0,), low=-30.0, high=30.0, null=0.0
+        ),
+        Parameter(
+            "north", mean=0.0, sigma=8.0, unit="m", starts=(0.0,), low=-30.0, high=30.0, null=0.0
+        ),
     ],
     decided_by="a survey of the receiver",
     simulated=(space_around_receivers,),

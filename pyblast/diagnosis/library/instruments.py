@@ -62,6 +62,7 @@ def clock_error(scene, motion, target, shift):
             starts=(2.0, 4.5, 8.0),
             low=0.5,
             high=20.0,
+            null=0.0,
         ),
         Parameter("damping", mean=0.6, sigma=0.3, log=True, starts=(0.6,), low=0.1, high=2.0),
         Parameter("gain", mean=1.0, sigma=0.2, log=True, starts=(1.0,), low=0.2, high=5.0),
@@ -235,7 +236,9 @@ def pairs_of_near_receivers(case):
     targets=pairs_of_near_receivers,
     axis="blasts",
     single=True,
-    parameters=[Parameter("share", mean=1.0, sigma=0.2, starts=(1.0,), low=0.0, high=1.5)],
+    parameters=[
+        Parameter("share", mean=1.0, sigma=0.2, starts=(1.0,), low=0.0, high=1.5, null=0.0)
+    ],
     decided_by="a tap beside each of the two receivers",
 )
 def swapped_channels(scene, motion, target, share):
@@ -253,7 +256,7 @@ def swapped_channels(scene, motion, target, share):
     axis="blasts",
     parameters=[
         Parameter("resonance", mean=40.0, sigma=0.7, unit="Hz", log=True, starts=(20.0, 60.0),
-                  low=3.0, high=400.0),
+                  low=3.0, high=400.0, null=np.inf),
         Parameter("damping", mean=0.2, sigma=0.5, log=True, starts=(0.2,), low=0.03, high=1.0),
     ],
     decided_by="the same receiver after it was fastened or buried anew",

@@ -3,9 +3,11 @@
 import numpy as np
 from scipy import fft
 
+from ...back_analysis.fit import firings_of
+from ...inference.error_model import hole_parts
 from ...inference.parameter import Parameter
 from ...model.joint import Joint
-from ..hypotheses import elastic_joints, hypothesis, point_forces, unknown_quality
+from ..hypotheses import elastic_joints, hypothesis, unknown_quality
 
 STIFFEST = 20.0  # largest tangent stiffness of a closing joint, over that at rest
 NEVER = 1e12  # Pa, a tensile strength that is never reached
@@ -47,7 +49,9 @@ def _filled(project, target, law, relaxation):
     axis="both",
     linear=False,
     simulated=(elastic_joints,),
-    parameters=[Parameter("closed", mean=0.5, sigma=0.15, starts=(0.4, 0.65), low=0.05, high=0.9)],
+    parameters=[
+        Parameter("closed", mean=0.5, sigma=0.15, starts=(0.4, 0.65), low=0.05, high=0.9, null=0.0)
+    ],
     decided_by="charges of three to one or more on one path across the joint",
 )
 def joint_nonlinear_closure(project, target, closed):
@@ -97,6 +101,7 @@ _SLIP = {
             starts=(3e4, 2e5),
             low=1e3,
             high=1e7,
+            null=np.inf,
         ),
         Parameter("residual", mean=0.5, sigma=0.2, starts=(0.5,), low=0.05, high=1.0),
     ],
@@ -116,7 +121,15 @@ def joint_slip(project, target, strength, residual):
     form="frictional",
     parameters=[
         Parameter(
-            "strength", mean=1e5, sigma=1.0, unit="Pa", log=True, starts=(2e5,), low=1e3, high=1e7
+            "strength",
+            mean=1e5,
+            sigma=1.0,
+            unit="Pa",
+            log=True,
+            starts=(2e5,),
+            low=1e3,
+            high=1e7,
+            null=np.inf,
         ),
         Parameter("residual", mean=0.5, sigma=0.2, starts=(0.5,), low=0.05, high=1.0),
     ],
@@ -146,6 +159,7 @@ def joint_frictional_slip(project, target, strength, residual):
             starts=(2e-3,),
             low=1e-4,
             high=0.1,
+            null=0.0,
         )
     ],
     decided_by="receivers close to the joint on both sides, over a wider band",
@@ -173,6 +187,7 @@ def joint_viscous_fill(project, target, relaxation):
             starts=(1e-2,),
             low=1e-3,
             high=1.0,
+            null=np.inf,
         )
     ],
     decided_by="receivers close to the joint on both sides, over a wider band",
@@ -195,18 +210,33 @@ def joint_creeping_fill(project, target, relaxation):
     ],
     decided_by="receivers at distances of three to one, without a joint between them",
     needs=(unknown_quality,),
-    simulated=(point_forces,),
 )
 def loss_along_paths(scene, motion, target, loss):
     """Waves lose the same share 1/Q of energy in each cycle, beyond what the model has."""
     del target
-    n, dt = motion.shape[-1], scene.case.dt
-    frequency = fft.rfftfreq(2 * n, dt)
-    times = dt * np.arange(n)
-    low, high = scene.case.band.low, scene.case.band.high
-    band = np.clip(frequency, low, 2.0 * high)
-    late = np.log(band / np.sqrt(low * high)) / np.pi
-    lost = np.exp(-np.pi * loss * np.multiply.outer(times, band))
-    phase = -2j * np.pi * frequency * np.multiply.outer(times, 1.0 - loss * late)
-    operator = fft.irfft(lost * np.exp(phase), 2 * n)[:, :n]
-    return motion @ operator
+    case, n = scene.case, motion.shape[-1]
+    size = fft.next_fast_len(3 * n, real=True)
+    omega = 2.0 * np.pi * fft.rfftfreq(size, case.dt)
+    changed = motion.copy()
+    for b, name in enumerate(case.blasts):
+        fired = firings_of(case.project.of(name), case.receivers)
+        for start, spectrum in hole_parts(motion[b], fired, omega, size):
+            part = fft.irfft(spectrum, size, axis=-1)[..., :n]
+            changed[b] += part @ _lossy(case.band, case.dt * np.arange(n), start, loss) - part
+    return changed
+
+
+def _lossy(band, times, start, loss):
+    """Return the operator (n, n) of a loss 1/Q on what arrives at times, of waves from a start.
+
+    Constant Q (Kjartansson 1979) at first order in the loss, with the speed of the middle of the
+    band.
+    """
+    n = len(times)
+    frequency = fft.rfftfreq(2 * n, band.dt)
+    clipped = np.clip(frequency, band.low, 2.0 * band.high)
+    late = np.log(clipped / np.sqrt(band.low * band.high)) / np.pi
+    since = np.maximum(times - start, 0.0)
+    lost = np.exp(-np.pi * loss * np.multiply.outer(since, clipped))
+    arrival = times[:, None] - np.multiply.outer(since, loss * late)
+    return fft.irfft(lost * np.exp(-2j * np.pi * frequency * arrival), 2 * n)[:, :n]

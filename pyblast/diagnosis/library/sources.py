@@ -108,7 +108,9 @@ def misfire_or_charge_error(blast, target, scales):
     axis="receivers",
     targets=holes,
     single=True,
-    parameters=[Parameter("radiated", mean=0.0, sigma=0.2, starts=(0.0,), low=0.0, high=1.0)],
+    parameters=[
+        Parameter("radiated", mean=0.0, sigma=0.2, starts=(0.0,), low=0.0, high=1.0, null=1.0)
+    ],
     decided_by="a look at the muck pile for the charge of this hole",
     simulated=(superposed,),
 )
@@ -177,8 +179,26 @@ def trigger_error(blast, target, shift):
     target="blast",
     axis="receivers",
     parameters=[
-        Parameter("east", mean=0.0, sigma=8.0, unit="m", starts=(-6.0, 6.0), low=-30.0, high=30.0),
-        Parameter("north", mean=0.0, sigma=8.0, unit="m", starts=(-6.0, 6.0), low=-30.0, high=30.0),
+        Parameter(
+            "east",
+            mean=0.0,
+            sigma=8.0,
+            unit="m",
+            starts=(-6.0, 6.0),
+            low=-30.0,
+            high=30.0,
+            null=0.0,
+        ),
+        Parameter(
+            "north",
+            mean=0.0,
+            sigma=8.0,
+            unit="m",
+            starts=(-6.0, 6.0),
+            low=-30.0,
+            high=30.0,
+            null=0.0,
+        ),
     ],
     decided_by="a survey of the holes",
     odd=True,
@@ -204,7 +224,7 @@ def _bench_and_blasts(case):
     axis="receivers",
     targets=_bench_and_blasts,
     parameters=[
-        Parameter("reduction", mean=0.3, sigma=0.15, starts=(0.3,), low=0.0, high=0.7),
+        Parameter("reduction", mean=0.3, sigma=0.15, starts=(0.3,), low=0.0, high=0.7, null=0.0),
         Parameter(
             "length", mean=6.0, sigma=0.6, unit="m", log=True, starts=(8.0,), low=2.0, high=30.0
         ),

@@ -33,6 +33,7 @@ POOR = 0.03  # share of zones that are smoothed with their neighbours
 TRIALS = (1.0, 0.93, 0.86, 0.8)  # factors on the edges, until no sliver sets the step
 GOOD = 30.0  # work times the wanted edge over the nodes; 4 for cubes of order 3
 FAIR = 150.0  # the same where another trial has not lowered the work
+WORSE = 2.0  # work of another trial over the least before, after which none is made
 POWERS, ITERATIONS = (4, 16), 60  # lengthens the step by half
 
 
@@ -48,7 +49,7 @@ def build(
         work, best = explicit_work(mesh), min((each[0] for each in meshes), default=np.inf)
         meshes.append((work, factor, mesh))
         cubes = len(mesh.zones) * order**3 / factor / min(sizes)
-        if work < GOOD * cubes or best <= work < FAIR * cubes:
+        if work < GOOD * cubes or best <= work < FAIR * cubes or work > WORSE * best:
             break
     return min(meshes, key=lambda each: each[0])[2]
 

@@ -1,6 +1,6 @@
 """A project whose joint closes, which its file does not say: something to diagnose.
 
-    python examples/05_hidden_closure.py hidden
+    python examples/04_hidden_closure.py hidden
     pyblast diagnose hidden/S1.toml --out found
 
 Writes project files of a single shot and of two blasts, with what six receivers would have
@@ -163,5 +163,5 @@ def main(folder):
 
 if __name__ == "__main__":
     if len(sys.argv) != 2:
-        sys.exit("name the folder to write to: python examples/05_hidden_closure.py hidden")
+        sys.exit("name the folder to write to: python examples/04_hidden_closure.py hidden")
     main(sys.argv[1])

@@ -1,0 +1,600 @@
+"""Scores of every hypothesis: its change of motion, the error beside it, detection limits."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from itertools import groupby
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.special import logsumexp
+
+from ..back_analysis.fit import SOURCE, UNCORRECTED, UNEVEN, firings_of
+from ..back_analysis.parameters import SPEED, STIFFNESS
+from ..inference.covariance import RecordBlocks, record_blocks
+from ..inference.error_model import (
+    Nuisances,
+    hole_columns,
+    random_slopes,
+    shaped,
+    shift_columns,
+    transfer_columns,
+)
+from ..inference.score_test import AveragedError, Change, ScoreTest, detected_strength, draws
+from .case import Case
+from .effects import Effect, Scene, starting_effects
+from .fitting import Fit, derivatives
+from .hypotheses import LIBRARY, Hypothesis, blast_and_hole
+from .thresholds import DRAWN_LEVEL, DRAWS, FARTHEST, LEAST_SCORE, NUMERICAL
+
+STEP = 0.3  # prior standard deviations, of effects that start without a change
+TOGETHER = 8  # changes that are run together
+
+
+class Trial(NamedTuple):
+    """Trial: effects at a target whose changes are scored together.
+
+    Parameters
+    ----------
+    effects : tuple of Effect
+        Each has a strength of its own.
+    share : float
+        Of a prior standard deviation, by which each effect departs from none; then strengths may
+        have any sign. Zero for a single effect of positive strength, one at the given values.
+    """
+
+    effects: tuple[Effect, ...]
+    share: float = 0.0
+
+
+def trials(hypothesis: Hypothesis, target: str, scene: Scene) -> list[Trial]:
+    """Return the trials of a hypothesis at a target, at all of its starting values.
+
+    Parameters that may depart from no effect to either side are tried together, one effect each.
+    """
+    starts = starting_effects(hypothesis, target, scene)
+    moving = [n for n, _ in enumerate(hypothesis.parameters) if _two_sided(hypothesis, n)]
+    if not moving:
+        return [Trial((effect,)) for effect in starts]
+    rest = _at_rest(starts[0])
+    share = 1.0 if hypothesis.odd else STEP
+    together = tuple(
+        _moved(rest, order, hole, share)
+        for order in moving
+        for hole, _ in enumerate(rest.values[order])
+    )
+    others = [] if hypothesis.odd else [effect for effect in starts if effect != rest]
+    return [Trial(together, share), *(Trial((effect,)) for effect in others)]
+
+
+def _two_sided(hypothesis, order):
+    """Tell whether a parameter may depart from no effect to either side."""
+    parameter = hypothesis.parameters[order]
+    if hypothesis.odd:
+        return parameter.mean == 0.0 and len(parameter.starts) > 1
+    return parameter.null in parameter.starts
+
+
+def _at_rest(effect):
+    """Return an effect whose parameters are without effect, where they have such a value."""
+    pairs = zip(effect.hypothesis.parameters, effect.values, strict=True)
+    return replace(effect, values=tuple(
+        (float(parameter.null),) * len(values) if _has_rest(parameter) else values
+        for parameter, values in pairs
+    ))  # fmt: skip
+
+
+def _has_rest(parameter):
+    """Tell whether a finite value of a parameter is without effect."""
+    return parameter.null is not None and np.isfinite(parameter.null)
+
+
+def _moved(effect, order, hole, share):
+    """Return an effect with one value moved by a share of its prior standard deviation."""
+    parameter = effect.hypothesis.parameters[order]
+    own = list(effect.values[order])
+    if effect.hypothesis.odd:
+        own[hole] = max(parameter.starts)
+    else:
+        own[hole] = float(parameter.value(parameter.standardised(own[hole]) + share))
+    return replace(effect, values=(*effect.values[:order], tuple(own), *effect.values[order + 1 :]))
+
+
+@dataclass(frozen=True, eq=False)
+class Member:
+    """Member of the library at one target, with its change of motion.
+
+    Parameters
+    ----------
+    trial : Trial
+    change : Change
+    blasts : tuple of int
+        Indices of the blasts by whose records it is scored.
+    """
+
+    trial: Trial
+    change: Change
+    blasts: tuple[int, ...]
+
+    @property
+    def hypothesis(self) -> Hypothesis:
+        """Its entry of the library."""
+        return self.trial.effects[0].hypothesis
+
+    @property
+    def label(self) -> str:
+        """Its name in results."""
+        return self.hypothesis.label
+
+    @property
+    def target(self) -> str:
+        """Where it acts."""
+        return self.trial.effects[0].target
+
+    def at(self, strength) -> Effect:
+        """Return the effect at strengths (n_effects,) in units of its changes.
+
+        Of a single trial of positive strength it is the one that was simulated.
+        """
+        first = self.trial.effects[0]
+        if not self.trial.share:
+            return first
+        parameters = self.hypothesis.parameters
+        changed = [list(values) for values in _at_rest(first).values]
+        for effect, amount in zip(self.trial.effects, strength, strict=True):
+            for n, parameter in enumerate(parameters):
+                for hole, value in enumerate(effect.values[n]):
+                    if _has_rest(parameter):
+                        away = (value - float(parameter.null or 0.0)) / self.trial.share
+                        changed[n][hole] += float(amount) * away
+        values = tuple(
+            tuple(float(np.clip(v, parameter.low, parameter.high)) for v in own)
+            for parameter, own in zip(parameters, changed, strict=True)
+        )
+        return replace(first, values=values)
+
+
+def main_blasts(case: Case) -> tuple[int, ...]:
+    """Return the blasts of the smallest and of the largest charge."""
+    return tuple(dict.fromkeys((0, len(case.blasts) - 1)))
+
+
+def _blasts_of(target, case):
+    """Return the blasts that a member changes and is run in, and those by which it is scored."""
+    names = {target, blast_and_hole(target)[0]}
+    own = next((n for n, name in enumerate(case.blasts) if name in names), None)
+    main = main_blasts(case)
+    if own is None:
+        return main, main
+    return (own,), main if own in main else tuple(sorted({main[0], own}))
+
+
+def members_of(
+    scene: Scene,
+    progress: Callable = lambda *_: None,
+    runs_left: Callable[[], bool] = lambda: True,
+) -> list[Member]:
+    """Simulate the changes of all hypotheses of the library that apply to a site.
+
+    Parameters
+    ----------
+    scene : Scene
+    progress : callable, optional
+        Called with (stage, done, total).
+    runs_left : callable, optional
+        Tells whether more runs are allowed.
+
+    Returns
+    -------
+    list of Member
+        Without those that are impossible here or change no record; the failures of the scene have
+        the reasons of those that could not be simulated.
+    """
+    case, tried = scene.case, []
+    for hypothesis in LIBRARY.values():
+        for target in hypothesis.targets(case):
+            run, scored = _blasts_of(target, case)
+            tried += [(t, run, scored) for t in trials(hypothesis, target, scene)]
+    by_runs = [row for row in tried if row[0].effects[0].hypothesis.on == "site"]
+    done = [
+        (trial, scored, _change_without_runs(scene, trial))
+        for trial, _, scored in tried if trial.effects[0].hypothesis.on != "site"
+    ]  # fmt: skip
+    at = 0
+    for run, group in groupby(by_runs, key=lambda row: row[1]):
+        rows = list(group)
+        for start in range(0, len(rows), TOGETHER):
+            progress("changes by every hypothesis", at, len(by_runs))
+            if not runs_left():
+                break
+            part = rows[start : start + TOGETHER]
+            changes = _changes_by_runs(scene, [row[0] for row in part], run)
+            done += [(t, s, c) for (t, _, s), c in zip(part, changes, strict=True)]
+            at += len(part)
+    return [
+        Member(trial, Change(shapes / (trial.share or 1.0), trial.share == 0.0), scored)
+        for trial, scored, shapes in done if shapes is not None and np.any(shapes)
+    ]  # fmt: skip
+
+
+def _change_without_runs(scene, trial):
+    """Return the changes by effects on holes or motion, in the band; None if one fails."""
+    motion, changes = scene.baseline.motion, []
+    for effect in trial.effects:
+        with scene.contained((effect,)):
+            changes.append(scene.received(motion, (effect,)) - motion)
+    if len(changes) < len(trial.effects):
+        return None
+    return scene.case.band.project(np.array(changes))
+
+
+def _changes_by_runs(scene, tried, blasts):
+    """Return the changes of motion by effects on the site, in the band; None if one fails."""
+    x_ref = np.zeros(len(scene.baseline.values))
+    states = [(x_ref, (effect,)) for trial in tried for effect in trial.effects]
+    motions = iter(scene.simulate(states, blasts))
+    changes, at = [], list(blasts)
+    for trial in tried:
+        own = [next(motions) for _ in trial.effects]
+        if any(motion is None for motion in own):
+            changes.append(None)
+            continue
+        change = np.zeros((len(own), *own[0].shape))
+        change[:, at] = (np.array(own) - scene.baseline.reference)[:, at]
+        changes.append(scene.case.band.project(change))
+    return changes
+
+
+@dataclass(frozen=True, eq=False)
+class SiteError:
+    """Error of the prediction of a site: noise, scattering, and columns with their priors.
+
+    Parameters
+    ----------
+    blocks : RecordBlocks
+    nuisances : Nuisances
+    numerical : (n_blasts, n_receivers, 3, n_functions) float64, m/s
+        What the better mesh may leave of the error of the mesh, one standard deviation.
+    """
+
+    blocks: RecordBlocks
+    nuisances: Nuisances
+    numerical: np.ndarray
+
+
+def error_of(scene: Scene) -> SiteError:
+    """Build the error of the prediction around the calibrated motion of a site.
+
+    Notes
+    -----
+    Theory.md (12.5), (12.6), (14.10). What is calibrated is a column, too, with its prior; standard
+    deviations are those of the table [priors].
+    """
+    case, baseline = scene.case, scene.baseline
+    band, priors, motion = case.band, case.project.config.priors, baseline.motion
+    shifts = shift_columns(
+        motion, scene.surroundings.slopes(), band,
+        {"trigger": 1e-3 * priors.trigger_ms, "clock": 1e-3 * priors.clock_ms,
+         "receiver": priors.receiver_m},
+    )  # fmt: skip
+    firings = [firings_of(case.project.of(name), case.receivers) for name in case.blasts]
+    holes, lost = hole_columns(motion, firings, band, 1e-3 * priors.firing_ms)
+    kinds = [_kind(parameter) for parameter in baseline.parameters]
+    ground = random_slopes(baseline.slopes, [UNEVEN[kind] for kind in kinds], band)
+    numerical = UNCORRECTED * band.project(baseline.correction)
+    each = [
+        np.where(np.arange(numerical.shape[1])[:, None, None] == r, numerical, 0.0)
+        for r in range(numerical.shape[1])
+    ]
+    held, simulated = band.project(baseline.slopes), band.project(motion)
+    stiff = [n for n, kind in enumerate(kinds) if kind == STIFFNESS]
+    density = -held[stiff].sum(axis=0) - (case.project.config.signature is None) * simulated
+    parts = {
+        "calibrated": baseline.sigma[:, None, None, None, None] * held,
+        "density": [0.01 * priors.density_percent * density],
+        "amplitude": [0.01 * priors.amplitude_percent * simulated],
+        "attenuation": [priors.inverse_q * lost],
+        "source": SOURCE * shaped(motion, band, range(4), (1.0, 1j)),
+        "mesh": [numerical, *each],
+    }
+    rows = [(group, column) for group, each in parts.items() for column in each if column.any()]
+    columns = np.array([column for _, column in rows]).reshape(-1, *simulated.shape)
+    own = Nuisances(columns, tuple(group for group, _ in rows))
+    every = own + shifts + holes + ground + transfer_columns(motion, band)
+    return SiteError(record_blocks(case, motion), every, numerical)
+
+
+def _kind(parameter):
+    """Return whether a calibrated parameter is a speed or a stiffness."""
+    return SPEED if parameter.name.rsplit(".", 1)[-1] in ("cp", "cs") else STIFFNESS
+
+
+@dataclass(frozen=True, eq=False)
+class SiteScores:
+    """Scores of all members of the library at a site.
+
+    Parameters
+    ----------
+    scene : Scene
+    error : SiteError
+    members : tuple of Member
+    seed : int
+        Of the draws.
+    """
+
+    scene: Scene
+    error: SiteError
+    members: tuple[Member, ...]
+    seed: int
+    _errors: dict[tuple[int, ...], Any] = field(default_factory=dict, repr=False)
+
+    def averaged(self, blasts: Sequence[int]) -> AveragedError:
+        """Return the error of the records of some blasts."""
+        key = tuple(blasts)
+        if key not in self._errors:
+            columns = self.error.nuisances.columns[:, list(key)]
+            moving = np.any(columns, axis=(1, 2, 3, 4))
+            groups = [g for g, m in zip(self.error.nuisances.groups, moving, strict=True) if m]
+            own = Nuisances(columns[moving], tuple(groups))
+            self._errors[key] = AveragedError(self.error.blocks.of(key), own)
+        return self._errors[key]
+
+    def test_of(self, changes: Sequence[Change], blasts: Sequence[int]) -> ScoreTest:
+        """Return a test of changes by the records of some blasts."""
+        own = [Change(change.shapes[:, list(blasts)], change.one_sided) for change in changes]
+        return ScoreTest(self.averaged(blasts), own)
+
+    @cached_property
+    def tests(self) -> dict[tuple[int, ...], tuple[ScoreTest, list[int]]]:
+        """Test of the members of each set of blasts, with their numbers."""
+        numbers: dict[tuple[int, ...], list[int]] = {main_blasts(self.scene.case): []}
+        for n, member in enumerate(self.members):
+            numbers.setdefault(member.blasts, []).append(n)
+        return {
+            blasts: (self.test_of([self.members[n].change for n in own], blasts), own)
+            for blasts, own in numbers.items()
+        }
+
+    def log_bayes(self, residuals) -> np.ndarray:
+        """Return the log Bayes factor of each member, (n_members, n_data)."""
+        values = np.zeros((len(self.members), len(residuals)))
+        for blasts, (test, numbers) in self.tests.items():
+            if numbers:
+                values[numbers] = test(residuals[:, list(blasts)]).log_bayes
+        return values
+
+    def by_class(self, log_bayes) -> dict[str, np.ndarray]:
+        """Return the log Bayes factor of each label, averaged over its members."""
+        labels = np.array([member.label for member in self.members])
+        return {
+            label: logsumexp(log_bayes[labels == label], axis=0) - np.log(np.sum(labels == label))
+            for label in dict.fromkeys(labels.tolist())
+        }
+
+    def residual(self, motion, values) -> np.ndarray:
+        """Return the records less a prediction at the prior, in the band.
+
+        Parameters
+        ----------
+        motion : (n_blasts, n_receivers, 3, n_samples) float64, m/s
+            Simulated at the calibrated values.
+        values : (n_calibrated,) float64
+            Taken back to the prior along the slopes of the baseline.
+        """
+        band = self.scene.case.band
+        held = band.project(self.scene.baseline.slopes)
+        return band.project(self.scene.case.residual(motion)) + np.tensordot(values, held, 1)
+
+    @cached_property
+    def prior(self) -> np.ndarray:
+        """Records less the prediction of the calibrated site, at the prior."""
+        baseline = self.scene.baseline
+        return self.residual(baseline.motion, baseline.values)
+
+    def beside(self, fit: Fit) -> dict[str, float]:
+        """Return the score of each label beside a fit, best first."""
+        by_class = self.by_class(self.log_bayes(self.residual(fit.motion, fit.values)[None]))
+        scored = {label: float(value[0]) for label, value in by_class.items()}
+        return dict(sorted(scored.items(), key=lambda pair: -pair[1]))
+
+    def evidence_of(self, fit: Fit) -> float:
+        """Return the log evidence of a fit, linear around it in the parameters of its effects.
+
+        Up to a constant of the records; theory.md (14.11).
+        """
+        slopes = derivatives(self.scene, fit)
+        residual = self.residual(fit.motion, fit.values)
+        residual = residual + np.tensordot(fit.x[len(fit.values) :], slopes, 1)
+        every = range(len(self.scene.case.blasts))
+        scores = self.test_of([Change(slopes)] if len(slopes) else [], every)(residual[None])
+        return float(scores.log_evidence[0] + np.sum(scores.log_bayes[:, 0]))
+
+    def best_on_site(self, fit: Fit, label: str) -> Member | None:
+        """Return the member of a label on the site that scores most beside a fit, None if none."""
+        log_bayes = self.log_bayes(self.residual(fit.motion, fit.values)[None])[:, 0]
+        pairs = [
+            (value, member)
+            for value, member in zip(log_bayes, self.members, strict=True)
+            if member.label == label and member.hypothesis.on == "site"
+        ]
+        return max(pairs, key=lambda pair: pair[0], default=(None, None))[1]
+
+    def start(self, member: Member, fit: Fit) -> Effect:
+        """Return the effect of a member at its most probable strengths beside a fit."""
+        blasts = list(member.blasts)
+        residual = self.residual(fit.motion, fit.values)[None, blasts]
+        return member.at(self.test_of([member.change], blasts)(residual).strength[0][:, 0])
+
+    def best_of(self, effects: Sequence[Effect], fit: Fit) -> Effect | None:
+        """Return which of several effects on the site scores most beside a fit.
+
+        None if none is possible.
+        """
+        blasts = main_blasts(self.scene.case)
+        changes = _changes_by_runs(self.scene, [Trial((effect,)) for effect in effects], blasts)
+        pairs = [
+            (effect, Change(shapes))
+            for effect, shapes in zip(effects, changes, strict=True) if shapes is not None
+        ]  # fmt: skip
+        if not pairs:
+            return None
+        residual = self.residual(fit.motion, fit.values)[None, list(blasts)]
+        scores = self.test_of([change for _, change in pairs], blasts)(residual)
+        return pairs[int(np.argmax(scores.log_bayes[:, 0]))][0]
+
+    @cached_property
+    def at(self) -> tuple[float, float, float]:
+        """Most probable levels of the error: scatter, transfer, factor on nuisances."""
+        main = main_blasts(self.scene.case)
+        test, _ = self.tests[main]
+        weight = test(self.prior[None, list(main)]).weight[:, 0]
+        return test.error.grid[int(np.argmax(weight))].at
+
+    @cached_property
+    def thresholds(self) -> dict[str, float]:
+        """Least log Bayes factor of a class, by what asks for it."""
+        rng, error = np.random.default_rng(self.seed), self.error
+        drawn = draws(rng, error.blocks, error.nuisances, self.at, DRAWS)
+        largest = np.max([*self.by_class(self.log_bayes(drawn)).values()], axis=0, initial=-np.inf)
+        both = np.stack([error.numerical, -error.numerical])
+        numerical = max(
+            (float(v.max()) for v in self.by_class(self.log_bayes(both)).values()), default=-np.inf
+        )
+        return {
+            "least": LEAST_SCORE,
+            "draws": float(np.quantile(largest, DRAWN_LEVEL)),
+            "numerical": numerical + NUMERICAL,
+        }
+
+    @property
+    def threshold(self) -> float:
+        """Log Bayes factor from which a class is more than the error explains."""
+        return max(self.thresholds.values())
+
+
+def detection_limits(scores: SiteScores, labels: Sequence[str] = ()) -> list[dict]:
+    """Return the detection limits of all hypotheses at a site, but those of some labels.
+
+    Parameters
+    ----------
+    scores : SiteScores
+    labels : sequence of str
+        Of effects that are named.
+
+    Returns
+    -------
+    list of dict
+        For each parameter that departs from none: ``label``, ``form``, ``target`` (its kind),
+        ``parameter``, ``unit``, ``per_hole``, ``null_value`` (None where it is infinite),
+        ``value``, from which the effect scores above the threshold in nine of ten cases, the
+        farthest of all targets, ``beside``, the values of the other parameters there,
+        ``not_detected_at``, targets where it does not at `FARTHEST` times what was simulated.
+
+    Notes
+    -----
+    Theory.md (14.12): a change is taken as linear in the departure, up to what was simulated where
+    the effect grows with charge.
+    """
+    number = {}
+    for member in scores.members:
+        number[member.label] = number.get(member.label, 0) + 1
+    limits: dict[tuple, dict[str, _Limit]] = {}
+    two_sided = set()
+    for member, length in sorted(_lengths(scores), key=lambda pair: -pair[0].trial.share):
+        if member.label in labels or member.hypothesis.untestable(scores.scene.case):
+            continue
+        least = scores.threshold + np.log(number[member.label])
+        for k, effect in enumerate(member.trial.effects):
+            strength = detected_strength(float(length[k, k]), least)
+            for name, limit in _limits_of(member, k, strength):
+                own = limits.setdefault((effect.name, name), {})
+                known = own.get(member.target)
+                if member.trial.share:
+                    two_sided.add((effect.name, name))
+                elif (effect.name, name) in two_sided:
+                    continue  # a small step is linear, a large one need not be
+                own[member.target] = limit if known is None else min(known, limit, key=_size)
+    return [_limit_row(name, parameter, own) for (name, parameter), own in limits.items()]
+
+
+def _lengths(scores):
+    """Return each member with the information on its strengths."""
+    pairs = []
+    for blasts, (test, numbers) in scores.tests.items():
+        own = test(scores.prior[None, list(blasts)]).length
+        pairs += [(scores.members[n], length) for n, length in zip(numbers, own, strict=True)]
+    return pairs
+
+
+class _Limit(NamedTuple):
+    """Detection limit at a target: size of the departure, value, other values."""
+
+    size: float
+    value: float
+    beside: tuple[tuple[str, float], ...]
+
+
+def _size(limit):
+    """Return the size of the departure of a limit, infinite where nothing was detected."""
+    return limit.size
+
+
+def _limits_of(member, number, strength):
+    """Return name and limit of the parameter by which a member departs from no effect."""
+    hypothesis, share = member.hypothesis, member.trial.share
+    most = FARTHEST if hypothesis.linear else 1.0
+    parameters, values = hypothesis.parameters, _departing(member, number)
+    departs = [
+        n for n, (parameter, value) in enumerate(zip(parameters, values, strict=True))
+        if parameter.null is not None and value != parameter.null
+    ]  # fmt: skip
+    if not departs:
+        return []
+    amount = strength / (share or 1.0)
+    if not hypothesis.linear and np.isinf(parameters[departs[0]].null):
+        amount = max(amount, 1.0)  # a strength: nothing is known of what is stronger
+    reached = [
+        _scaled(parameter, value, amount) if n in departs else value
+        for n, (parameter, value) in enumerate(zip(parameters, values, strict=True))
+    ]
+    first = departs[0]
+    own, value = parameters[first], reached[first]
+    beyond = strength > 1.0 and np.isfinite(own.null) and not own.low <= value <= own.high
+    if strength > (max(1.0, most * share) if share else most) or beyond:
+        return [(own.name, _Limit(np.inf, np.nan, ()))]
+    beside = tuple(
+        (parameters[n].name, other) for n, other in enumerate(reached)
+        if n != first and other not in (parameters[n].null, 0.0)
+    )  # fmt: skip
+    size = abs(value - own.null) if np.isfinite(own.null) else 1.0 / value
+    return [(own.name, _Limit(size, value, beside))]
+
+
+def _departing(member, number):
+    """Return a value of each parameter of one effect of a member, of the hole that it changes."""
+    effect = member.trial.effects[number]
+    pairs = zip(member.hypothesis.parameters, effect.values, strict=True)
+    return [next((v for v in own if v != parameter.null), own[0]) for parameter, own in pairs]
+
+
+def _scaled(parameter, value, amount):
+    """Return the value of a parameter at a share of its departure from no effect."""
+    if np.isinf(parameter.null):
+        return value / amount
+    return parameter.null + amount * (value - parameter.null)
+
+
+def _limit_row(name, parameter, by_target):
+    """Return the row of a parameter from its limits by target, that of the worst one."""
+    hypothesis = LIBRARY[name]
+    own = next(each for each in hypothesis.parameters if each.name == parameter)
+    seen = {target: limit for target, limit in by_target.items() if np.isfinite(limit.size)}
+    worst = max(seen.values(), key=_size, default=None)
+    return {
+        "label": hypothesis.label, "form": hypothesis.form, "target": hypothesis.target,
+        "parameter": parameter, "unit": own.unit, "per_hole": own.per_hole,
+        "null_value": None if own.null is None or np.isinf(own.null) else own.null,
+        "value": None if worst is None else worst.value,
+        "beside": {} if worst is None else dict(worst.beside),
+        "not_detected_at": [target for target in by_target if target not in seen],
+    }  # fmt: skip
