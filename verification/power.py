@@ -128,16 +128,21 @@ def _null_and_effect(scene, site, truth):
     case, project = scene.case, scene.case.band.project
     reference, clean = (project(_simulated(case, site, kind)) for kind in ("believed", "clean"))
     nuisances = project(_nuisances(scene, truth["nuisance"]))
-    null = reference - project(scene.baseline.reference)
-    return null, clean - reference - nuisances
+    null, effect = reference - project(scene.baseline.reference), clean - reference - nuisances
+    for part in (null, effect):  # a blast that the truth lacks shows neither
+        part[~reference.any(axis=(1, 2, 3))] = 0.0
+    return null, effect
 
 
 def _simulated(case: Case, site, kind):
-    """Return the motion of the independent program at the instants of the records."""
+    """Return the motion of the independent program at the instants of records, zero without."""
     motion = np.zeros(case.motion.shape)
     folder = SITES / "truth" / f"case-{site}"
     for b, name in enumerate(case.blasts):
-        traces = obspy.read(folder / f"{kind}_{name[-2:]}.mseed", format="MSEED")
+        path = folder / f"{kind}_{name[-2:]}.mseed"
+        if not path.is_file():
+            continue
+        traces = obspy.read(path, format="MSEED")
         table = {(t.stats.station, t.stats.channel[-1]): t.data for t in traces}
         first = round(0.25 / case.dt)
         for r, receiver in enumerate(case.receivers):
