@@ -270,4 +270,4 @@ file_joints = { surface_1 = "F1" }
 
     assert project.model.mesh.contacts.names == ("surface_1",)
     assert project.model.joints[0].properties["kn"] == pytest.approx(0.114e9)
-    assert "surface_1" in next(f.title for f in check(project, False).findings if f.code == "D8")
+    assert "surface_1" in next(f.text for f in check(project, False).findings if f.code == "D8")
