@@ -128,7 +128,7 @@ def sentences(answer: dict) -> dict[str, str]:
     """Return the sentences of the page: what is named and when the published model ends."""
     begins = answer["located"]["first_window_below_0.7_us"]
     when = "in every window" if begins is None else f"up to {begins[0]} µs after P"
-    text = f"The published model explains 0.7 of the energy {when}. "
+    text = f"The published model explains more than 0.7 of the energy {when}. "
     first, gain = answer["classes"][0], answer.get("gain_held_out")
     if answer["outcome"] == "NAMED":
         text += f"What it lacks: {', '.join(answer['named'])}. "
