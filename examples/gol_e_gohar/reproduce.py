@@ -141,8 +141,8 @@ def page(coarse, numbers, confirmed):
     yield (
         f"\n{numbers['runs']} runs; {100 * numbers['fit']['remaining']:.2g} % of the energy of the "
         "record is not explained in the band. PPV and dominant frequency are of the whole motion, "
-        "whose peaks at 10 to 13 Hz lie above the band that was fitted. The paper matched PPV within "
-        "15 % and dominant frequency within 10 %; here\n"
+        "whose peaks at 10 to 13 Hz lie above the band that was fitted. The paper matched PPV "
+        "within 15 % and dominant frequency within 10 %; here\n"
     )
     yield "| | component | synthetic record | simulated with the best values |\n|---|---|---|---|"
     for quantity, first, second in compared:
