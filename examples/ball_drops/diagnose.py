@@ -3,7 +3,8 @@
     python examples/ball_drops/diagnose.py [FOLDER]
 
 Reads the tables and records beside this file, runs the block as it is published and as it may be
-otherwise, and writes ``diagnosis.json`` and ``report.html`` to FOLDER (``work`` beside this file).
+otherwise, and writes ``diagnosis.json`` and ``report.html`` to FOLDER (``results`` beside this
+file).
 """
 
 import hashlib
@@ -152,7 +153,7 @@ def sentences(answer: dict) -> dict[str, str]:
 def main(arguments):
     """Diagnose the drops and write the answer and its page."""
     begin = time.process_time()
-    folder = Path(arguments[0]) if arguments else HERE / "work"
+    folder = Path(arguments[0]) if arguments else HERE / "results"
     survey = read_survey()
     records, bank = compared(survey), bank_of(survey, folder)
     with workers() as executor:

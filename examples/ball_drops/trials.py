@@ -192,7 +192,7 @@ def tried(row: dict, survey, bank, folder) -> dict:
 
 def main(arguments):
     """Judge what is not yet in ``trials.json``."""
-    folder = Path(arguments[0]) if arguments else HERE / "work"
+    folder = Path(arguments[0]) if arguments else HERE / "results"
     path = HERE / "trials.json"
     rows = json.loads(path.read_text())["rows"] if path.exists() else []
     done = {row["trial"] for row in rows}

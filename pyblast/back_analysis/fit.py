@@ -10,11 +10,13 @@ from pathlib import Path
 import numpy as np
 
 from .. import core
+from ..config.config import PriorsConfig
 from ..errors import InputError, PyblastError, SolverError
 from ..inference.covariance import record_blocks
 from ..inference.error_model import (
     Firings,
     Nuisances,
+    discretization_columns,
     hole_columns,
     random_slopes,
     shaped,
@@ -646,28 +648,21 @@ class Fitter:
 
     def _nuisances(self, state, band) -> tuple[Nuisances, np.ndarray]:
         """Return the nuisances around a state, and the change by attenuation."""
-        priors = self.priors
-        seconds = {"trigger": 1e-3 * priors.trigger_ms, "clock": 1e-3 * priors.clock_ms}
-        shifts = shift_columns(
-            state.motion, self.runs.slopes, band, {**seconds, "receiver": priors.receiver_m}
+        blasts, names = self.runs.blasts, self.runs.records.receivers
+        survey, lost = survey_columns(
+            state.motion, self.runs.slopes, blasts, names, band, self.priors
         )
-        firings = [firings_of(blast, self.runs.records.receivers) for blast in self.runs.blasts]
-        holes, lost = hole_columns(state.motion, firings, band, 1e-3 * priors.firing_ms)
         uneven = [n for n, each in enumerate(self.properties) if each.kind in UNEVEN]
         ground = random_slopes(
             state.slopes[uneven], [UNEVEN[self.properties[n].kind] for n in uneven], band
         )
         source = SOURCE * shaped(state.motion, band, range(4), (1.0, 1j))
         mesh = UNCORRECTED * band.project(self.correction)
-        each = [
-            np.where(np.arange(mesh.shape[1])[:, None, None] == r, mesh, 0.0)
-            for r in range(mesh.shape[1])
-        ]
+        each = discretization_columns(mesh)
         others = Nuisances(
-            np.concatenate([source, [mesh], each]),
-            ("source",) * len(source) + ("mesh",) * (1 + len(each)),
+            np.concatenate([source, each]), ("source",) * len(source) + ("mesh",) * len(each)
         )
-        return shifts + holes + ground + others, lost
+        return survey + ground + others, lost
 
     def _result(self, state, posterior) -> Fit:
         """Return the fit at a state."""
@@ -697,6 +692,28 @@ def _in_band(records: Records, band) -> Records:
     """Return records compared in another band."""
     valid = None if records.valid.all() else records.valid
     return replace(records, band=band_functions(records.n_samples, records.dt, band, valid))
+
+
+def survey_columns(
+    motion, moved, blasts: Sequence[Project], receivers: Sequence[str], band, priors: PriorsConfig
+) -> tuple[Nuisances, np.ndarray]:
+    """Return the nuisances of trigger, clocks, places and firings, and the change by attenuation.
+
+    Parameters
+    ----------
+    motion : (n_blasts, n_receivers, 3, n_samples) float64, m/s
+    moved : (2, n_blasts, n_receivers, 3, n_samples) float64, 1/s
+        Change of the motion by a move of its receiver to the east and to the north.
+    blasts : sequence of Project
+    receivers : sequence of str
+    band : Band
+    priors : PriorsConfig
+    """
+    seconds = {"trigger": 1e-3 * priors.trigger_ms, "clock": 1e-3 * priors.clock_ms}
+    shifts = shift_columns(motion, moved, band, {**seconds, "receiver": priors.receiver_m})
+    firings = [firings_of(blast, receivers) for blast in blasts]
+    holes, lost = hole_columns(motion, firings, band, 1e-3 * priors.firing_ms)
+    return shifts + holes, lost
 
 
 def firings_of(blast: Project, receivers: Sequence[str]) -> Firings | None:

@@ -9,15 +9,15 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.special import logsumexp
 
-from ..back_analysis.fit import SOURCE, UNCORRECTED, UNEVEN, firings_of
+from ..back_analysis.fit import SOURCE, UNCORRECTED, UNEVEN, survey_columns
 from ..back_analysis.parameters import SPEED, STIFFNESS
 from ..inference.covariance import RecordBlocks, record_blocks
 from ..inference.error_model import (
     Nuisances,
-    hole_columns,
+    discretization_columns,
+    moving_columns,
     random_slopes,
     shaped,
-    shift_columns,
     transfer_columns,
 )
 from ..inference.score_test import AveragedError, Change, ScoreTest, detected_strength, draws
@@ -272,20 +272,13 @@ def error_of(scene: Scene) -> SiteError:
     """
     case, baseline = scene.case, scene.baseline
     band, priors, motion = case.band, case.project.config.priors, baseline.motion
-    shifts = shift_columns(
-        motion, scene.surroundings.slopes(), band,
-        {"trigger": 1e-3 * priors.trigger_ms, "clock": 1e-3 * priors.clock_ms,
-         "receiver": priors.receiver_m},
+    survey, lost = survey_columns(
+        motion, scene.surroundings.slopes(), [case.project.of(name) for name in case.blasts],
+        case.receivers, band, priors,
     )  # fmt: skip
-    firings = [firings_of(case.project.of(name), case.receivers) for name in case.blasts]
-    holes, lost = hole_columns(motion, firings, band, 1e-3 * priors.firing_ms)
     kinds = [_kind(parameter) for parameter in baseline.parameters]
     ground = random_slopes(baseline.slopes, [UNEVEN[kind] for kind in kinds], band)
     numerical = UNCORRECTED * band.project(baseline.correction)
-    each = [
-        np.where(np.arange(numerical.shape[1])[:, None, None] == r, numerical, 0.0)
-        for r in range(numerical.shape[1])
-    ]
     held, simulated = band.project(baseline.slopes), band.project(motion)
     stiff = [n for n, kind in enumerate(kinds) if kind == STIFFNESS]
     density = -held[stiff].sum(axis=0) - (case.project.config.signature is None) * simulated
@@ -295,12 +288,10 @@ def error_of(scene: Scene) -> SiteError:
         "amplitude": [0.01 * priors.amplitude_percent * simulated],
         "attenuation": [priors.inverse_q * lost],
         "source": SOURCE * shaped(motion, band, range(4), (1.0, 1j)),
-        "mesh": [numerical, *each],
+        "mesh": discretization_columns(numerical),
     }
-    rows = [(group, column) for group, each in parts.items() for column in each if column.any()]
-    columns = np.array([column for _, column in rows]).reshape(-1, *simulated.shape)
-    own = Nuisances(columns, tuple(group for group, _ in rows))
-    every = own + shifts + holes + ground + transfer_columns(motion, band)
+    own = moving_columns(parts, simulated.shape)
+    every = own + survey + ground + transfer_columns(motion, band)
     return SiteError(record_blocks(case, motion), every, numerical)
 
 

@@ -185,15 +185,34 @@ def shift_columns(motion, slopes, band: Band, priors: Mapping[str, float]) -> Nu
             for r in range(n_receivers)
         ],
     }
-    return _moving(parts, late.shape)
+    return moving_columns(parts, late.shape)
 
 
-def _moving(parts, shape):
-    """Return the nuisances of groups of columns of a shape, without those that move nothing."""
+def moving_columns(parts, shape) -> Nuisances:
+    """Return the nuisances of groups of columns of a shape, without those that move nothing.
+
+    Parameters
+    ----------
+    parts : dict of str to sequence of (n_blasts, n_receivers, 3, n_functions) float64
+        Columns by group.
+    shape : tuple of int
+        Of a column.
+    """
     rows = [(group, column) for group, each in parts.items() for column in each]
     rows = [(group, column) for group, column in rows if np.any(column)]
     columns = np.array([column for _, column in rows]).reshape(len(rows), *shape)
     return Nuisances(columns, tuple(group for group, _ in rows))
+
+
+def discretization_columns(change) -> list[np.ndarray]:
+    """Return the columns of what the mesh leaves of its error: everywhere, and by receiver.
+
+    Parameters
+    ----------
+    change : (n_blasts, n_receivers, 3, n_functions) float64
+        One standard deviation, m/s.
+    """
+    return [change, *(_only(change, np.s_[:, r]) for r in range(change.shape[1]))]
 
 
 @dataclass(frozen=True, eq=False)
@@ -260,7 +279,7 @@ def hole_columns(motion, firings: Sequence[Firings | None], band: Band, deviatio
                 moved[b] = fft.irfft(part * (-1j * omega), size, axis=-1)[..., :n]
                 columns.append(deviation * band.project(moved))
     lost = band.project(lost)
-    return _moving({"firing": columns}, lost.shape), lost
+    return moving_columns({"firing": columns}, lost.shape), lost
 
 
 def hole_parts(blast, fired: Firings | None, omega, size: int):
@@ -340,7 +359,7 @@ def random_slopes(slopes, deviations, band: Band) -> Nuisances:
     for slope, held, deviation in zip(slopes, projected, deviations, strict=True):
         columns += [deviation * _only(held, np.s_[:, r]) for r in range(held.shape[1])]
         columns += [*(deviation * shaped(slope, band, (1, 2, 3)))]
-    return _moving({"ground": columns}, projected.shape[1:])
+    return moving_columns({"ground": columns}, projected.shape[1:])
 
 
 def transfer_columns(motion, band: Band, n_modes: int = N_TRANSFER) -> Nuisances:
@@ -367,4 +386,4 @@ def transfer_columns(motion, band: Band, n_modes: int = N_TRANSFER) -> Nuisances
         for part, factor in zip(parts, scale, strict=True)
         for r, c in np.ndindex(energy.shape)
     ]
-    return _moving({"transfer": columns}, parts.shape[1:])
+    return moving_columns({"transfer": columns}, parts.shape[1:])

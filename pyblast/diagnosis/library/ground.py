@@ -30,6 +30,7 @@ from ..hypotheses import (
     three_directions,
     unknown_quality,
 )
+from .geometry import BOTH_SIDES, STIFFNESSES
 
 NONE = 1e-9  # a weakness without effect
 
@@ -231,30 +232,9 @@ def _cut_there(project, target, offset, kn, ks):
     mesh_control=_cut_there,
     parameters=[
         Parameter("offset", mean=0.0, sigma=5.0, unit="m", starts=(0.0,), low=-25.0, high=25.0),
-        Parameter(
-            "kn",
-            mean=1e9,
-            sigma=1.5,
-            unit="Pa/m",
-            log=True,
-            starts=(1e9,),
-            low=2e7,
-            high=5e10,
-            null=np.inf,
-        ),
-        Parameter(
-            "ks",
-            mean=4e8,
-            sigma=1.5,
-            unit="Pa/m",
-            log=True,
-            starts=(4e8,),
-            low=1e7,
-            high=2e10,
-            null=np.inf,
-        ),
+        *STIFFNESSES,
     ],
-    decided_by="receivers close to the plane on both sides, or a blast on its other side",
+    decided_by=BOTH_SIDES,
     described=plane_at,
     simulated=(flat_layers,),
 )
