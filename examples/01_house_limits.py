@@ -3,6 +3,7 @@
 import sys
 from pathlib import Path
 
+import numpy as np
 from matplotlib import pyplot as plt
 
 from pyblast import read_blast, superpose
@@ -40,18 +41,28 @@ frequency = zero_crossing_frequency(motion).hz
 for name, ppv, hz in zip(motion.components, 1e3 * motion.ppv, frequency, strict=True):
     print(f"{name}: PPV {ppv:.2f} mm/s at {hz:.1f} Hz (zero crossing)")
 
-figure, (time, spectrum, limits) = plt.subplots(3, 1, figsize=(7, 10), layout="constrained")
-time.plot(motion.times, 1e3 * motion.velocity, label=motion.components)
-time.set(xlabel="time after the first hole [s]", ylabel="velocity [mm/s]")
+figure, (time, spectrum, limits) = plt.subplots(3, 1, figsize=(8, 11), layout="constrained")
 smooth = smoothed_spectrum(motion)
-spectrum.loglog(smooth.frequency, 1e3 * smooth.amplitude)
-spectrum.set(xlabel="frequency [Hz]", ylabel="amplitude [mm/s/Hz]", xlim=(2, 200))
-for key in CURVES:
+rows = zip(motion.components, motion.velocity.T, smooth.amplitude.T, strict=True)
+for name, velocity, amplitude in rows:
+    time.plot(motion.times, 1e3 * velocity, lw=1.0, label=name)
+    spectrum.loglog(smooth.frequency, 1e3 * amplitude, lw=1.0, label=name)
+time.set(xlabel="time after the first hole [s]", ylabel="velocity [mm/s]", xlim=(0.0, 0.5))
+spectrum.set(xlabel="frequency [Hz]", ylabel="amplitude [mm/s/Hz]", xlim=(2, 200), ylim=(1e-5, 0.1))
+band = np.geomspace(1.0, 100.0, 500)
+for key, style in zip(CURVES, ("-", "--", "-."), strict=True):
     curve = load_limits()[key]
-    label = curve.name + ("" if curve.verified else " (unverified)")
-    limits.loglog(smooth.frequency, 1e3 * curve.limit(smooth.frequency), label=label)
-limits.loglog(frequency, 1e3 * motion.ppv, "ko", label="this blast, per component")
-limits.set(xlabel="frequency [Hz]", ylabel="PPV [mm/s]", xlim=(1, 100), ylim=(0.001, 100))
-time.legend()
-limits.legend(fontsize=8, loc="lower left")
-figure.savefig(sys.argv[1] if len(sys.argv) > 1 else "house_limits.png")
+    label = curve.name + ("" if curve.verified else "*")
+    limits.loglog(band, 1e3 * curve.limit(band), "k", ls=style, lw=1.0, label=label)
+for name, ppv, hz in zip(motion.components, 1e3 * motion.ppv, frequency, strict=True):
+    limits.plot(hz, ppv, "o", label=f"this blast, {name}")
+limits.set(xlabel="frequency by zero crossing [Hz]", ylabel="PPV [mm/s]", xlim=(1, 100),
+           ylim=(0.01, 100))  # fmt: skip
+limits.set_title("* as secondary sources give it; not compared with the printed standard",
+                 fontsize=8, loc="right")  # fmt: skip
+for axis in (time, spectrum, limits):
+    axis.grid(which="major", color="0.9")
+    axis.legend(fontsize=8, loc="best")
+for axis in (spectrum.xaxis, limits.xaxis, limits.yaxis):
+    axis.set_major_formatter("{x:g}")
+figure.savefig(sys.argv[1] if len(sys.argv) > 1 else "house_limits.png", dpi=110)

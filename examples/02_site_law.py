@@ -25,14 +25,18 @@ for distance in (100.0, 200.0, 500.0):
     charge = law.largest_charge(distance, LIMIT)
     print(f"{distance:.0f} m: {charge:.1f} kg in 8 ms keep {1e3 * LIMIT:g} mm/s in 95 % of blasts")
 
-figure, axis = plt.subplots(figsize=(7, 5), layout="constrained")
-axis.loglog(scaled_distance(records.distance, records.charge), 1e3 * records.ppv, "ko", ms=4)
+figure, axis = plt.subplots(figsize=(7.5, 5.5), layout="constrained")
 scaled = np.geomspace(law.reach[0] / 1.5, law.reach[1] * 1.5, 100)
+axis.axvspan(*law.reach, color="0.95", zorder=0, label="range of the records")
+axis.loglog(scaled_distance(records.distance, records.charge), 1e3 * records.ppv, "ko", ms=4,
+            label=f"{len(records.ppv)} records")  # fmt: skip
 for share, style in ((0.5, "C0-"), (0.95, "C3--")):
     line = law.line(scaled, 1.0, share)
     axis.loglog(scaled, 1e3 * line, style, label=f"{100 * share:g} % of new blasts are below")
-axis.axvspan(*law.reach, color="0.95", zorder=0, label="where the records are")
-axis.set(xlabel="scaled distance [m/√kg]", ylabel="PPV [mm/s]")
+axis.set(xlabel="scaled distance, by the root of the charge in 8 ms [m/√kg]", ylabel="PPV [mm/s]",
+         title=f"PPV = {1e3 * law.k:.0f} SD$^{{-{law.beta:.2f}}}$ mm/s")  # fmt: skip
 axis.grid(which="both", color="0.9")
+for each in (axis.xaxis, axis.yaxis):
+    each.set_major_formatter("{x:g}")
 axis.legend()
-figure.savefig(sys.argv[2] if len(sys.argv) > 2 else "site_law.png")
+figure.savefig(sys.argv[2] if len(sys.argv) > 2 else "site_law.png", dpi=110)

@@ -51,13 +51,14 @@ print("best: " + ", ".join(f"{1e3 * delay:.0f} ms" for delay in best.delays), en
 print(f"90 % quantile of PPV falls by {100 * gained.reduction:.0f} % "
       "[{:.0f} to {:.0f}]".format(*100 * gained.interval))  # fmt: skip
 
-figure, axis = plt.subplots(figsize=(7, 5), layout="constrained")
-points = axis.scatter(
-    *1e3 * best.tried[:, :2].T, c=1e3 * LIMIT * best.tried[:, 2], cmap="viridis_r"
-)
-figure.colorbar(points, label="PPV at the worst house, 90 % of blasts are below [mm/s]")
-axis.plot(17.0, 42.0, "k^", label="nominal")
-axis.plot(*1e3 * best.delays, "C3*", ms=15, label="best")
+figure, axis = plt.subplots(figsize=(8, 5.5), layout="constrained")
+tried = best.tried[np.argsort(-best.tried[:, 2])]  # the best last, above the others
+points = axis.scatter(*1e3 * tried[:, :2].T, c=1e3 * LIMIT * tried[:, 2], s=24, cmap="viridis_r",
+                      label="tried")  # fmt: skip
+figure.colorbar(points, label="PPV at the worst house that 90 % of blasts stay below [mm/s]")
+axis.plot(17.0, 42.0, "k^", ms=9, mfc="white", mew=1.5, label="as planned: 17 and 42 ms")
+axis.plot(*1e3 * best.delays, "C3*", ms=15, mec="white",
+          label="best: {:.0f} and {:.0f} ms".format(*1e3 * best.delays))  # fmt: skip
 axis.set(xlabel="delay between holes [ms]", ylabel="delay between rows [ms]")
-axis.legend()
-figure.savefig(sys.argv[1] if len(sys.argv) > 1 else "best_delays.png")
+axis.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncol=3, frameon=False)
+figure.savefig(sys.argv[1] if len(sys.argv) > 1 else "best_delays.png", dpi=110)

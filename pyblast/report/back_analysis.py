@@ -87,7 +87,7 @@ def misfit_figure(misfits, accepted, unit):
     for shown, colour, label in ((accepted, INK, "accepted"), (~accepted, REJECTED, "rejected")):
         axes.plot(run[shown], misfits[shown], "o", color=colour, ms=4, label=label)
     axes.set_xlabel("run")
-    axes.set_ylabel(f"misfit  {unit}")
+    axes.set_ylabel(f"misfit [{unit}]")
     axes.set_ylim(0.0, 1.1 * np.max(misfits, where=np.isfinite(misfits), initial=0.0))
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     axes.legend(fontsize=7, frameon=False, ncol=3)
@@ -128,7 +128,7 @@ def points_figure(parameters, points, misfits, unit):
         axis.set_xlabel(row["path"], fontsize=8)
         _tidy(axis)
     for axis in axes[:, 0]:
-        axis.set_ylabel(f"misfit  {unit}")
+        axis.set_ylabel(f"misfit [{unit}]")
     for axis in axes.flat[len(parameters) :]:
         axis.set_visible(False)
     return _uri(figure)

@@ -113,9 +113,9 @@ def charges_figure(summary):
                     lw=1.4, label=words)  # fmt: skip
     allowed = summary["charge_per_8ms_kg"]["allowed"]
     if allowed is not None:
-        axis.axhline(allowed, color=LIMIT, lw=1.4, label="allowed")
-    axis.set_xlabel("after the first firing  ms")
-    axis.set_ylabel("charge in 8 ms  kg")
+        axis.axhline(allowed, color=LIMIT, lw=1.4, label="largest allowed")
+    axis.set_xlabel("time after the first firing [ms]")
+    axis.set_ylabel("charge in 8 ms [kg]")
     axis.set_ylim(bottom=0.0)
     axis.legend(fontsize=7, frameon=False, ncol=3, loc="lower right", bbox_to_anchor=(1.0, 1.0))
     _tidy(axis)
@@ -136,12 +136,13 @@ def houses_figure(summary):
                           solid_capstyle="butt")  # fmt: skip
             axis.plot(1e3 * house[name]["levels"]["0.5"], row + up, "o", color=colour, ms=5,
                       label=words if row == 0 else None)  # fmt: skip
-        axis.plot([1e3 * house["limit"]] * 2, [row - 0.4, row + 0.4], color=LIMIT, lw=1.6)
+        axis.plot([1e3 * house["limit"]] * 2, [row - 0.4, row + 0.4], color=LIMIT, lw=1.6,
+                  label="limit" if row == 0 else None)  # fmt: skip
     axis.set_yticks(np.arange(len(houses))[::-1], [house["name"] for house in houses])
     axis.set_ylim(-0.6, len(houses) - 0.3)
     axis.set_xlim(left=0.0)
-    axis.set_xlabel("PPV  mm/s")
-    axis.legend(fontsize=7, frameon=False, ncol=2, loc="lower right", bbox_to_anchor=(1.0, 1.0))
+    axis.set_xlabel("PPV [mm/s]")
+    axis.legend(fontsize=7, frameon=False, ncol=3, loc="lower right", bbox_to_anchor=(1.0, 1.0))
     _tidy(axis)
     return _uri(figure)
 
@@ -155,8 +156,8 @@ def tried_figure(summary):
     best = summary["delays_s"]
     axis.scatter(1e3 * best["between_holes"], 1e3 * best["between_rows"], s=150, facecolors="none",
                  edgecolors=INK, lw=1.6)  # fmt: skip
-    axis.set_xlabel("between holes  ms")
-    axis.set_ylabel("between rows  ms")
+    axis.set_xlabel("delay between holes [ms]")
+    axis.set_ylabel("delay between rows [ms]")
     axis.margins(0.06)
     figure.colorbar(drawn, ax=axis, label="largest PPV over its limit", shrink=0.9)
     _tidy(axis)

@@ -570,7 +570,7 @@ def _rank_figures(diagnosis, summary):
 def _hole_figures(fit):
     """Draw the parameters of single holes."""
     for row in hole_rows(fit):
-        unit = f"  {row['unit']}" if row["unit"] else ""
+        unit = f" [{row['unit']}]" if row["unit"] else ""
         yield (
             f"{row['label']}: {row['parameter']} of {row['where']}",
             "Each hole with its 90 % interval.",

@@ -127,9 +127,9 @@ def compared_figure(columns, dt):
             times = dt * np.arange(motion.shape[-1])
             for axis, part in zip(column, motion, strict=True):
                 lines[name] = axis.plot(times, 1e3 * part, color=colour, lw=width, label=name)[0]
-        column[-1].set_xlabel("time after the first hole  s", fontsize=8)
+        column[-1].set_xlabel("time after the first hole [s]", fontsize=8)
     for axis, name in zip(axes[:, 0], COMPONENTS, strict=True):
-        axis.set_ylabel(f"{name}  mm/s", fontsize=8)
+        axis.set_ylabel(f"{name} [mm/s]", fontsize=8)
     for axis in axes.flat:
         axis.set_xlim(0.0, times[-1])
         _tidy(axis)
@@ -172,7 +172,7 @@ def time_frequency_figure(recorded, differences, dt, band, window=None):
         )  # fmt: skip
         axis.set_title(title, fontsize=9, loc="left", parse_math=False)
         axis.set_yscale("log")
-        axis.set_xlabel("time after the first hole  s", fontsize=8)
+        axis.set_xlabel("time after the first hole [s]", fontsize=8)
         axis.tick_params(labelsize=8)
         axis.set_yticks(round_marks(*band))
         axis.minorticks_off()
@@ -180,9 +180,9 @@ def time_frequency_figure(recorded, differences, dt, band, window=None):
         if window is not None and axis is not axes[0]:
             (t0, t1), (f0, f1) = window
             axis.add_patch(Rectangle((t0, f0), t1 - t0, f1 - f0, fill=False, ec="#2563eb", lw=1.2))
-    axes[0].set_ylabel("frequency  Hz", fontsize=8)
+    axes[0].set_ylabel("frequency [Hz]", fontsize=8)
     bar = figure.colorbar(drawn, ax=axes, shrink=0.9)
-    bar.set_label("mm/s (wavelet)", fontsize=8)
+    bar.set_label("wavelet amplitude [mm/s]", fontsize=8)
     bar.ax.tick_params(labelsize=7)
     return _uri(figure)
 
@@ -337,8 +337,8 @@ def maps_figure(project, receivers, misfits, material, *, targets=(), points=(),
                 _draw_plane(axis, plane, (h, v))
             _holes(axis, project, (h, v), targets)
             axis.set(xlim=box[h], ylim=box[v], aspect="equal")
-            axis.set_xlabel(f"{NAMES[h]}  m", fontsize=8)
-            axis.set_ylabel(f"{NAMES[v]}  m" if column == 0 else "", fontsize=8)
+            axis.set_xlabel(f"{NAMES[h]} [m]", fontsize=8)
+            axis.set_ylabel(f"{NAMES[v]} [m]" if column == 0 else "", fontsize=8)
             _tidy(axis)
             axis.grid(False)
         _named(plan, receivers, positions, targets)

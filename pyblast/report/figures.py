@@ -163,13 +163,13 @@ def draw_motion(seismograms, colours, top=None, t_max=None) -> Figure:
             amplitude = 1e3 * spectrum.amplitude[:, component]
             row[1].plot(spectrum.frequency, amplitude, color=colour, lw=1.1, label=label)
     for component, row in zip(rows, axes, strict=True):
-        row[0].set_ylabel(f"{LETTERS[first.components[component]]}  mm/s")
-        row[1].set_ylabel("mm/s/Hz")
+        row[0].set_ylabel(f"{LETTERS[first.components[component]]} [mm/s]")
+        row[1].set_ylabel("amplitude [mm/s/Hz]")
         for axis in row:
             axis.legend(**_ABOVE)
             _tidy(axis)
-    axes[2, 0].set_xlabel("time after the first firing  s")
-    axes[2, 1].set_xlabel("frequency  Hz")
+    axes[2, 0].set_xlabel("time after the first firing [s]")
+    axes[2, 1].set_xlabel("frequency [Hz]")
     axes[2, 0].set_xlim(min(0.0, first.start), t_max or first.times[-1])
     axes[2, 1].set_xlim(0.0, top or 0.5 / first.dt)
     return figure
@@ -193,13 +193,14 @@ def source_figure(histories, top):
         frequency = np.fft.rfftfreq(8 * len(slope), time[1] - time[0])
         row[0].plot(time, value, color=FAULT, lw=1.1)
         row[1].plot(frequency, spectrum / spectrum.max(), color=FAULT, lw=1.1)
-        row[0].set_ylabel(f"{name.replace('_', ' ')}  {SOURCE_UNITS[name.rpartition('_')[0]]}")
+        unit = SOURCE_UNITS[name.rpartition("_")[0]]
+        row[0].set_ylabel(f"{name.replace('_', ' ')} [{unit}]")
         row[1].set_ylabel("share of the peak")
         row[1].set_xlim(0.0, top)
         for axis in row:
             _tidy(axis)
-    rows[-1, 0].set_xlabel("time  s")
-    rows[-1, 1].set_xlabel("frequency  Hz")
+    rows[-1, 0].set_xlabel("time [s]")
+    rows[-1, 1].set_xlabel("frequency [Hz]")
     return _uri(figure)
 
 
@@ -230,7 +231,7 @@ def section_figure(result, north, field="group"):
         patches.set_array(result.arrays["zones"][field][zone])
         patches.set_cmap("viridis")
         patches.set_norm(LogNorm())
-        bar = figure.colorbar(patches, ax=axes, label="highest frequency carried  Hz", shrink=0.85)
+        bar = figure.colorbar(patches, ax=axes, label="highest frequency carried [Hz]", shrink=0.85)
         for which in ("major", "minor"):
             getattr(bar.ax.yaxis, f"set_{which}_formatter")("{x:g}")
     axes.add_collection(patches)
@@ -240,8 +241,8 @@ def section_figure(result, north, field="group"):
     axes.margins(0.03, 0.1)
     axes.autoscale_view()
     axes.spines[["top", "right"]].set_visible(False)
-    axes.set_xlabel("east  m")
-    axes.set_ylabel("height  m")
+    axes.set_xlabel("east [m]")
+    axes.set_ylabel("height [m]")
     axes.legend(loc="upper center", bbox_to_anchor=(0.5, 1.14), ncol=6, fontsize=7, frameon=False)
     return _uri(figure)
 
@@ -305,9 +306,9 @@ def blocks_figure(result):
     axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
     axes.set_box_aspect(high - low, zoom=1.15)
     axes.view_init(elev=EYE[0], azim=EYE[1])
-    axes.set_xlabel("east  m")
-    axes.set_ylabel("north  m")
-    axes.set_zlabel("height  m")
+    axes.set_xlabel("east [m]")
+    axes.set_ylabel("north [m]")
+    axes.set_zlabel("height [m]")
     axes.tick_params(labelsize=7)
     for axis, span in zip((axes.xaxis, axes.yaxis, axes.zaxis), high - low, strict=True):
         axis.set_major_locator(MaxNLocator(max(2, round(7 * span / max(high - low)))))
@@ -351,8 +352,8 @@ def energy_figure(energy, lead, layered=False):
             if name == "input":
                 style = {"color": INK, "lw": 3.0, "alpha": 0.35}
             axes.plot(energy["time"] - lead, factor * energy[name], label=label, **style)
-    axes.set_xlabel("time after the first firing  s")
-    axes.set_ylabel(f"energy  {unit}")
+    axes.set_xlabel("time after the first firing [s]")
+    axes.set_ylabel(f"energy [{unit}]")
     top = factor * max(float(np.abs(energy[name]).max()) for name in names if name in energy)
     if top > 0.0:
         axes.set_yscale("log")
@@ -451,8 +452,8 @@ def limits_figure(motions, curves):
                 va="center",
             )  # fmt: skip
             label = None
-    axes.set_xlabel("frequency by zero crossing  Hz")
-    axes.set_ylabel("peak particle velocity  mm/s")
+    axes.set_xlabel("frequency by zero crossing [Hz]")
+    axes.set_ylabel("peak particle velocity [mm/s]")
     for axis, (low, high) in ((axes.xaxis, axes.get_xlim()), (axes.yaxis, axes.get_ylim())):
         ticks = [tick for tick in TICKS if low <= tick <= high]
         axis.set_ticks(ticks, [_short(tick) for tick in ticks])
@@ -545,7 +546,7 @@ def draw_comparison(comparison) -> Figure:
     for name, ratio in zip(comparison.components, comparison.spectral_ratio.T, strict=True):
         axis.loglog(comparison.frequency, ratio, lw=1.2, label=name)
     axis.axhline(1.0, color=INK, lw=0.8)
-    axis.set_xlabel("frequency  Hz")
+    axis.set_xlabel("frequency [Hz]")
     axis.set_ylabel("simulated over recorded")
     axis.legend(**_ABOVE)
     _tidy(axis)

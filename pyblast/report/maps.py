@@ -113,8 +113,8 @@ def plan_figure(result):
     axes.set_ylim(low[1], high[1])
     axes.set_aspect("equal")
     axes.ticklabel_format(useOffset=False, style="plain")
-    axes.set_xlabel("east  m")
-    axes.set_ylabel("north  m")
+    axes.set_xlabel("east [m]")
+    axes.set_ylabel("north [m]")
     axes.tick_params(labelsize=8)
     if axes.get_legend_handles_labels()[0]:
         axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncol=5, fontsize=7, frameon=False)
@@ -157,7 +157,7 @@ def _draw_contours(figure, axes, plan, peak, box=None):
         for drawn_part in (filled, lines):
             drawn_part.set_clip_path(corner)
     bar = figure.colorbar(
-        filled, cax=axes.inset_axes((1.02, 0.0, 0.02, 1.0)), label="peak vector sum  mm/s"
+        filled, cax=axes.inset_axes((1.02, 0.0, 0.02, 1.0)), label="peak vector sum [mm/s]"
     )
     bar.set_ticks(np.log10(levels), labels=[plain_number(level) for level in levels])
 
@@ -199,7 +199,7 @@ def _draw_sources(figure, axes, summary):
             )
         if times.max() > times.min():
             beside = axes.inset_axes((1.16, 0.0, 0.02, 1.0))
-            figure.colorbar(dots, cax=beside, label="fires at  ms")
+            figure.colorbar(dots, cax=beside, label="fires at [ms]")
     sources = summary["sources"]
     for number, table in enumerate((*sources["forces"], *sources["tensors"])):
         label = "source" if number == 0 else None

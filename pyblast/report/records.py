@@ -274,8 +274,8 @@ def shot_figure(view: LineView) -> str:
     if _speed(view):
         axes.plot(shot.offsets / _speed(view), shot.places, "--", color=SIMULATED, lw=1.2)
     axes.set_xlim(shot.times[shown][0], last)
-    axes.set_xlabel("time  s")
-    axes.set_ylabel("position along the line  m")
+    axes.set_xlabel("time [s]")
+    axes.set_ylabel("position along the line [m]")
     _tidy(axes)
     return _uri(figure)
 
@@ -300,8 +300,8 @@ def dispersion_figure(view: LineView) -> str:
         thickness, *speeds = (layer[name][0] for name in ("thickness", "vs_layer", "vs_below"))
         axes.plot(frequency, rayleigh_speeds(frequency, [thickness], speeds), color=SIMULATED,
                   lw=1.4, label="layer over half-space")  # fmt: skip
-    axes.set_xlabel("frequency  Hz")
-    axes.set_ylabel("phase speed  m/s")
+    axes.set_xlabel("frequency [Hz]")
+    axes.set_ylabel("phase speed [m/s]")
     axes.set_ylim(0.0, None)
     axes.legend(fontsize=7, frameon=False, ncol=3)
     _tidy(axes)

@@ -248,8 +248,8 @@ def _map(figure, axis, survey, candidates):
         )  # fmt: skip
     axis.margins(0.12)
     axis.set_aspect("equal", adjustable="datalim")
-    axis.set_xlabel("east  m")
-    axis.set_ylabel("north  m")
+    axis.set_xlabel("east [m]")
+    axis.set_ylabel("north [m]")
     figure.colorbar(drawn, ax=axis, label="decrease of ln det", shrink=0.85)
     _tidy(axis)
 

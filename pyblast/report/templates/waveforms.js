@@ -83,7 +83,7 @@
       var high = (s.h - BOTTOM) / Math.max(1, list.length);
       list.forEach(function (name, k) { motion(name, k * high, high - GAP, s.w); });
       list.forEach(function (name, k) { spectrum(name, k * high, high - GAP, s); });
-      axis(ticks(view[0], view[1], Math.max(3, s.w / 110)), "s", 0, s.w, s.h,
+      axis(ticks(view[0], view[1], Math.max(3, s.w / 110)), "time [s]", 0, s.w, s.h,
            function (at) { return toX(at, s.w); });
       if (drag) {
         pen.fillStyle = "rgba(29,78,216,.12)";
@@ -124,7 +124,7 @@
       shown.forEach(function (t) { peak = Math.max(peak, largest(t)); });
       peak = peak || 1;
       function toY(value) { return top + 14 + (height - 14) * (0.5 - 0.48 * value / peak); }
-      frame(ticks(-peak, peak, Math.max(4, row / 24)), toY, name + "  mm/s", shown.map(function (t) {
+      frame(ticks(-peak, peak, Math.max(4, row / 24)), toY, name + " [mm/s]", shown.map(function (t) {
         return { text: t.kind + ", PPV " + short(t.ppv), colour: colours[t.kind] };
       }), LEFT, w - RIGHT, top);
       pen.save(); pen.beginPath(); pen.rect(LEFT, top, w - LEFT - RIGHT, height + 4); pen.clip();
@@ -150,7 +150,7 @@
       peak = peak || 1; top += below;
       function toY(value) { return top + height - (height - 16) * value / (1.02 * peak); }
       function at(hz) { return left + hz / place.top * (right - left); }
-      frame(ticks(0, peak, 4), toY, "mm/s/Hz", shown.map(function (t) {
+      frame(ticks(0, peak, 4), toY, "amplitude [mm/s/Hz]", shown.map(function (t) {
         return { text: t.hz === null ? "silent" : "peak at " + short(t.hz) + " Hz",
                  colour: colours[t.kind] };
       }), left, right, top);
@@ -160,7 +160,7 @@
           pen.lineTo(Math.min(right, at(t.low * Math.pow(t.growth, k))), toY(t.amplitude[k] * t.gain));
         pen.stroke();
       });
-      axis(ticks(0, place.top, Math.max(3, (right - left) / 90)), "Hz", left, s.whole, s.h + below, at);
+      axis(ticks(0, place.top, Math.max(3, (right - left) / 90)), "frequency [Hz]", left, s.whole, s.h + below, at);
     }
 
     function largest(trace) {
