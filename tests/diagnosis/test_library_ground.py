@@ -302,6 +302,5 @@ def test_loss_of_one_material_leaves_the_others_as_they_are():
     changed = applied("attenuation_Q/one material", "clay", layered, q=10.0).materials
 
     assert (changed["clay"].law.qs, changed["soft"]) == (10.0, layered.materials["soft"])
-    assert LIBRARY["attenuation_Q/one material"].targets(SimpleNamespace(project=layered)) == (
-        "clay", "soft",
-    )  # fmt: skip
+    case = replace(scene().case, project=layered)
+    assert LIBRARY["attenuation_Q/one material"].targets(case) == ("clay", "soft")

@@ -1,6 +1,5 @@
 """What is missing from ground that is not flat scores most there, and nothing else does."""
 
-
 import pytest
 from grounds import site_on
 from library_scene import library_of
