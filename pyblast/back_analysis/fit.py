@@ -717,7 +717,10 @@ def survey_columns(
 
 
 def firings_of(blast: Project, receivers: Sequence[str]) -> Firings | None:
-    """Return the firings of a blast with their travel times; None where nothing fires by hole."""
+    """Return the firings of a blast with their travel times; None where nothing fires by hole.
+
+    Holes inside fire at the centre of their moment rate, from which their waves travel.
+    """
     config, fired = blast.config, blast.blast
     if fired is None or (config.holes_inside is None and config.signature is None):
         return None
@@ -734,4 +737,6 @@ def firings_of(blast: Project, receivers: Sequence[str]) -> Firings | None:
         if name in known:
             away = np.linalg.norm(fired.centres - known[name], axis=1)
             late[r] = (away - away.mean()) / speed
-    return Firings(fired.times - fired.times.min(), charge, late)
+    rate = blast.inside.moment_rate
+    emitted = 0.0 if rate is None else rate.centre
+    return Firings(fired.times - fired.times.min() + emitted, charge, late)

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..errors import InputError, contained
 from ..inference.parameter import Parameter
-from ..project.flat_box import not_flat, quality_of
+from ..project.flat_box import ground_materials, not_flat, quality_of
 from .case import Case
 from .forward import not_superposed, probe_offsets, probe_positions_inside
 from .thresholds import CHARGE_RATIO, DIRECTIONS, SECTORS
@@ -70,6 +70,26 @@ def ground_without_loss(case: Case) -> str:
     if quality_of(case.project) is None:
         return ""
     return "the site gives quality factors, and anisotropic ground with them is not simulated"
+
+
+def elastic_ground(case: Case) -> str:
+    """Require ground that is elastic, so that it may have another law."""
+    for name in ground_materials(case.project):
+        law = case.project.materials[name].law.name
+        if law not in ("elastic", "anisotropic"):
+            return f"material {name!r} follows the law {law!r}, and no other beside it"
+    return ""
+
+
+def zones_of_constant_strain(case: Case) -> str:
+    """Require zones that may be of constant strain, as anisotropic ground needs them."""
+    mesh = case.project.config.mesh
+    if mesh.quadratic and (mesh.file is not None or mesh.grid_cells is not None):
+        return (
+            "anisotropic ground needs zones of constant strain, and those of mesh.file or "
+            "mesh.grid_cells are too long without mesh.quadratic: describe it by mesh.layers"
+        )
+    return ""
 
 
 def flat_layers(case: Case) -> str:

@@ -254,7 +254,7 @@ def hole_columns(motion, firings: Sequence[Firings | None], band: Band, deviatio
     Nuisances
         One column for each hole of a blast with several.
     (n_blasts, n_receivers, 3, n_functions) float64
-        Change of the motion by a unit of 1/Q, counted from the firing of each hole.
+        Change of the motion by a unit of 1/Q, counted from the time of each hole.
 
     Notes
     -----

@@ -52,6 +52,13 @@ class TimeFunction:
             raise InputError(f"time function: dt must be positive, got {self.dt:g} s")
         object.__setattr__(self, "values", values)
 
+    @property
+    def centre(self) -> float:
+        """Time in s of the centroid of its absolute values; the start where all are zero."""
+        size = np.abs(self.values)
+        total = max(float(size.sum()), np.finfo(float).tiny)
+        return self.start + self.dt * float(size @ np.arange(len(size))) / total
+
     def __call__(self, times: np.ndarray) -> np.ndarray:
         """Return the values at ``times`` (n,) by a cubic spline through the samples."""
         samples = self.start + self.dt * np.arange(len(self.values))

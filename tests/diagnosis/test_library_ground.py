@@ -5,6 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from grounds import case_on
 from library_scene import applied, first, scene, sent, shared
 from scipy import fft
 from small_site import DT, SAMPLES, small_site
@@ -14,7 +15,7 @@ from pyblast.diagnosis.forward import Forward
 from pyblast.diagnosis.hypotheses import LIBRARY
 from pyblast.diagnosis.library.ground import Fabric
 from pyblast.model.anisotropy import christoffel, stiffness_of
-from pyblast.project.flat_box import flat_box
+from pyblast.project.flat_box import flat_box, quality_of
 
 
 def test_every_effect_lists_where_it_may_be():
@@ -264,3 +265,42 @@ def test_the_search_of_slow_soil_begins_at_a_layer_that_rings_as_the_records_do(
     assert factor * rock.cs / (4.0 * depth) == pytest.approx(
         slower * rock.cs / (4.0 * thickness), rel=0.2
     )
+
+
+@pytest.mark.parametrize("ground", ["dipping", "crossing", "joint set", "bench"])
+def test_elastic_ground_may_lose_energy_on_its_own_zones(ground):
+    case = case_on(ground)
+    (target,) = LIBRARY["attenuation_Q"].targets(case)
+    changed = LIBRARY["attenuation_Q"].apply(case.project, target, q=10.0)
+
+    assert quality_of(changed) == (13.0, 10.0)
+    np.testing.assert_array_equal(changed.mesh.points, case.project.mesh.points)
+    np.testing.assert_array_equal(changed.mesh.zones, case.project.mesh.zones)
+
+
+def test_loss_along_paths_is_as_large_as_that_by_runs():
+    case = case_on("dipping")
+    one = Forward(replace(case, blasts=("S1",)))
+    before = one.motion(case.project)
+    after = one.motion(applied("attenuation_Q", "", case.project, q=25.0))
+    formula = LIBRARY["attenuation_Q/along all paths"].apply(
+        SimpleNamespace(case=one.case), before, "", loss=1.0 / 25.0
+    )
+    lost, expected = (case.band.project(each - before) for each in (after, formula))
+
+    size = np.linalg.norm(expected) / np.linalg.norm(lost)
+    assert size == pytest.approx(1.0, abs=0.15)  # 1.75 if counted from the firing, not the pulse
+    assert np.sum(lost * expected) > 0.55 * size * np.sum(lost**2)
+
+
+def test_ground_that_yields_has_no_other_law():
+    assert "mohr-coulomb" in LIBRARY["attenuation_Q"].untestable(case_on("yielding"))
+
+
+def test_loss_of_one_material_leaves_the_others_as_they_are():
+    layered = layers_of_rock(clay=20.0, soft=None)
+    changed = applied("attenuation_Q/one material", "clay", layered, q=10.0).materials
+
+    assert (changed["clay"].law.qs, changed["soft"]) == (10.0, layered.materials["soft"])
+    case = replace(scene().case, project=layered)
+    assert LIBRARY["attenuation_Q/one material"].targets(case) == ("clay", "soft")

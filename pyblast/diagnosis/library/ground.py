@@ -16,11 +16,13 @@ from ...project.flat_box import (
     band_of,
     constant_q,
     flat_box,
+    ground_materials,
     is_anisotropic,
     quality_of,
 )
 from ..calibration import scaled
 from ..hypotheses import (
+    elastic_ground,
     flat_layers,
     ground_without_loss,
     hypothesis,
@@ -29,6 +31,7 @@ from ..hypotheses import (
     space_around_receivers,
     three_directions,
     unknown_quality,
+    zones_of_constant_strain,
 )
 from .geometry import BOTH_SIDES, STIFFNESSES
 
@@ -75,37 +78,57 @@ class Fabric:
         return anisotropic(material.density, stiffness, **strength)
 
 
-@hypothesis(
-    "attenuation_Q",
-    family="path",
-    on="site",
-    target="site",
-    axis="both",
-    parameters=[
-        Parameter(
-            "q",
-            mean=20.0,
-            sigma=0.8,
-            log=True,
-            starts=(8.0, 25.0),
-            low=4.0,
-            high=300.0,
-            null=np.inf,
-        )
-    ],
-    decided_by="receivers at distances of three to one, without a joint between them",
-    needs=(unknown_quality,),
-    simulated=(flat_layers,),
-)
-def attenuation_q(project, target, q):
-    """The ground takes energy from all waves alike, as constant Q of S waves does."""
-    del target
+_LOSS = {
+    "family": "path", "on": "site", "axis": "both", "needs": (unknown_quality,),
+    "simulated": (elastic_ground,),
+    "decided_by": "receivers at distances of three to one, without a joint between them",
+}  # fmt: skip
+
+
+def _quality(*starts):
+    """Return the quality factor of S waves, tried at starting values."""
+    return Parameter(
+        "q", mean=20.0, sigma=0.8, log=True, starts=starts, low=4.0, high=300.0, null=np.inf
+    )
+
+
+def _with_loss(project, q, materials):
+    """Return a project with constant Q in materials by name, on the zones that it has."""
     if quality_of(project) is not None or is_anisotropic(project.materials):
         return None
     law = constant_q(1.3 * q, q, band_of(project.config))
-    return project.changed(
-        materials={name: replace(rock, law=law) for name, rock in project.materials.items()}
-    )
+    rocks = {name: rock for name, rock in materials.items() if rock.law.name == "elastic"}
+    lossy = {name: replace(rock, law=law) for name, rock in rocks.items()}
+    mesh = project.config.mesh
+    if mesh.file is None and not project.mesh.hexahedral:  # loss would make soft soil hexahedra
+        mesh = mesh.model_copy(update={"kind": "tetrahedra"})
+    return project.changed(materials={**project.materials, **lossy}, mesh=mesh)
+
+
+@hypothesis("attenuation_Q", target="site", parameters=[_quality(8.0, 25.0)], **_LOSS)
+def attenuation_q(project, target, q):
+    """The ground takes energy from all waves alike, as constant Q of S waves does."""
+    del target
+    return _with_loss(project, q, project.materials)
+
+
+def one_of_materials(case) -> tuple[str, ...]:
+    """Name the materials of ground of more than one."""
+    names = tuple(ground_materials(case.project))
+    return names if len(names) > 1 else ()
+
+
+@hypothesis(
+    "attenuation_Q",
+    form="one material",
+    target="material",
+    targets=one_of_materials,
+    parameters=[_quality(15.0)],
+    **_LOSS,
+)
+def attenuation_of_material(project, target, q):
+    """One material of the ground takes energy from waves, as constant Q does, the others none."""
+    return _with_loss(project, q, {target: project.materials[target]})
 
 
 def _with_fabric(project, fabric):
@@ -143,7 +166,7 @@ def _as_stiff(project, target, azimuth, normal, shear):
     ],
     decided_by="receivers in five or more directions from the blast",
     needs=(ground_without_loss, three_directions),
-    simulated=(flat_layers,),
+    simulated=(elastic_ground, zones_of_constant_strain),
 )
 def anisotropy(project, target, azimuth, normal, shear):
     """Upright fissures slow waves across them, at an azimuth from north, more than along them."""
