@@ -1,4 +1,4 @@
-"""Figure of what the tool found in real records: air wave, soft layer, closure, odd receivers."""
+"""Figure of what analyses of real records say: air wave, soft layer, closure, odd receivers."""
 
 import matplotlib
 import numpy as np
@@ -28,13 +28,16 @@ def air(axes, shot, said):
     for edge in said["window"]:
         axes.plot(1e3 * (shot.offsets[order] / speed + delay + edge), shot.offsets[order], "C3")
     axes.set(xlim=(0, 450), xlabel="time [ms]", ylabel="distance [m]",
-             title=f"air wave, {speed:.0f} m/s: 120-500 Hz")  # fmt: skip
+             title=f"air wave of {speed:.0f} m/s, {band[0]:g} to {band[1]:g} Hz")  # fmt: skip
 
 
 def layer(axes, hits, said):
     """Draw phase speeds of both ends and the layer that one end told."""
-    for places, style, name in (((-5.0, -10.0, -20.0), "C0o", "fitted, from the left"),
-                                ((51.0, 56.0, 66.0), "C1s", "held out, the right")):  # fmt: skip
+    ends = (
+        ((-5.0, -10.0, -20.0), "C0o", "shots from the left, fitted"),
+        ((51.0, 56.0, 66.0), "C1s", "shots from the right, held out"),
+    )
+    for places, style, name in ends:
         picks = phase_speeds([s for p in places for s in hits[p]], FREQUENCIES)
         axes.errorbar(picks.frequency, picks.speed, picks.sigma, fmt=style, ms=4, label=name)
     if said["parameters"]:
@@ -52,14 +55,17 @@ def closure(axes, known):
     """Draw the third specimen and what the two others foretell."""
     *others, (u, s) = known.values()
     for x, y in others:
-        axes.plot(1e3 * x, 1e-6 * y, "C0.", ms=4)
-    axes.plot(1e3 * u, 1e-6 * s, "ko", ms=4, label="held out")
+        label = None if axes.lines else "two specimens, fitted"
+        axes.plot(1e3 * x, 1e-6 * y, "C0.", ms=4, label=label)
+    axes.plot(1e3 * u, 1e-6 * s, "ko", ms=4, label="a third, held out")
     x = np.linspace(0.0, u.max(), 50)
-    axes.plot(1e3 * x, 1e-6 * hyperbola(fit_hyperbola(others), x), "C3", label="hyperbola of two")
+    axes.plot(
+        1e3 * x, 1e-6 * hyperbola(fit_hyperbola(others), x), "C3", label="hyperbola of the two"
+    )
     closure, stress = (np.concatenate(z) for z in zip(*others, strict=True))
     line = np.polyfit(closure, stress, 1)
-    axes.plot(1e3 * x, 1e-6 * np.polyval(line, x), "C1--", label="line of two")
-    axes.set(xlabel="closure [mm]", ylabel="normal stress [MPa]", title="closure")
+    axes.plot(1e3 * x, 1e-6 * np.polyval(line, x), "C1--", label="line of the two")
+    axes.set(xlabel="closure [mm]", ylabel="normal stress [MPa]", title="closure of a joint")
     axes.legend(frameon=False)
 
 
@@ -72,10 +78,11 @@ def sizes(axes, rows):
         found = np.array([row["said"][0]["parameters"][knob] for row in some]) / unit
         half = np.abs(found[:, 1:] - found[:, :1]).T
         axes.errorbar(true, found[:, 0] - true, half, fmt=style, ms=4,
-                      label=f"{knob} [{'ms' if unit < 1 else 'm'}]")  # fmt: skip
+                      label=f"{knob} [{'ms' if unit < 1 else 'm'}], 90 %")  # fmt: skip
     axes.axhline(0.0, color="k", lw=0.5)
-    axes.set(xlabel="hidden", ylabel="found less hidden", title="odd receivers")
-    axes.legend(frameon=False)
+    axes.set(xlabel="concealed shift [ms] or move [m]", ylabel="estimated less concealed [ms, m]",
+             title="odd receivers")  # fmt: skip
+    axes.legend(frameon=False, loc="lower center", ncol=2)
 
 
 def main():
