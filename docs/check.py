@@ -5,7 +5,7 @@
     ./dev docs --check --write    writes anew what differs
 
 Without ``--quick`` it takes about twenty minutes on two cores; names of chapters (``quickstart``,
-``proof``, ``gallery``, ``demo``) run those alone.
+``proof``, ``gallery``, ``projects``, ``demo``) run those alone.
 """
 
 import io
@@ -121,6 +121,24 @@ def gallery(folder: Path) -> tuple[dict[str, str], dict[str, bytes]]:
     return {}, {f"gallery/{name}.png": image for name, image in images.items()}
 
 
+PROJECTS = {
+    "bench": "Plan", "fractures": "Plan", "holes_inside": "Plan", "rock_mass": "Plan",
+    "water_table": "Energy",
+}  # fmt: skip
+
+
+def projects(folder: Path) -> tuple[dict[str, str], dict[str, bytes]]:
+    """Run the small project files and take a figure of each report."""
+    from .quickstart_values import image_of
+
+    images = {}
+    for name, title in PROJECTS.items():
+        run(f"pyblast run examples/{name}/project.toml --out {name}", folder)
+        report = (folder / name / "001" / "report.html").read_text("utf-8")
+        images[f"projects/{name}.png"] = image_of(report, title)
+    return {}, images
+
+
 CHAPTERS = {
     "quickstart": Chapter(
         quick_start, dict.fromkeys(("first run", "search", "diagnosis"), QUICKSTART),
@@ -129,6 +147,7 @@ CHAPTERS = {
     ),
     "proof": Chapter(proof, {"proof": ROOT / "README.md"}, ("concealed.png",)),
     "gallery": Chapter(gallery, {}, tuple(f"gallery/{name}.png" for name in GALLERY)),
+    "projects": Chapter(projects, {}, tuple(f"projects/{name}.png" for name in PROJECTS)),
     "demo": Chapter(demo, {}, ("quickstart/gol_e_gohar.png",)),
 }  # fmt: skip
 

@@ -24,6 +24,7 @@ from ..signals.spectra import dominant_frequency, smoothed_spectrum, zero_crossi
 _TRIANGLE_EDGES = np.array([[0, 1], [1, 2], [2, 0]])
 NUDGE = 1.2345e-5
 EYE = 28.0, -122.0  # degrees, height and azimuth from east to north
+ENERGY_UNITS = (1e-9, "GJ"), (1e-6, "MJ"), (1e-3, "kJ"), (1.0, "J")
 LEAST_SHOWN = 1e-4  # of the largest energy, below which terms are not drawn
 _TOWARDS_THE_EYE = np.array([
     cos(radians(EYE[0])) * cos(radians(EYE[1])), cos(radians(EYE[0])) * sin(radians(EYE[1])),
@@ -187,11 +188,12 @@ def source_figure(histories, top):
     figure = _figure(9.6, 2.4 * len(histories))
     rows = figure.subplots(len(histories), 2, squeeze=False, width_ratios=[1.5, 1.0])
     for (name, table), row in zip(histories.items(), rows, strict=True):
-        time, value = table.T
+        time = np.arange(table[0, 0], table[-1, 0], min(np.diff(table[:, 0]).min(), 0.1 / top))
+        value = np.interp(time, *table.T)
         slope = np.gradient(value, time)
         spectrum = np.abs(np.fft.rfft(slope, 8 * len(slope)))
         frequency = np.fft.rfftfreq(8 * len(slope), time[1] - time[0])
-        row[0].plot(time, value, color=FAULT, lw=1.1)
+        row[0].plot(*table.T, color=FAULT, lw=1.1)
         row[1].plot(frequency, spectrum / spectrum.max(), color=FAULT, lw=1.1)
         unit = SOURCE_UNITS[name.rpartition("_")[0]]
         row[0].set_ylabel(f"{name.replace('_', ' ')} [{unit}]")
@@ -334,7 +336,7 @@ def _shading(corners):
 
 
 def energy_figure(energy, lead, layered=False):
-    """Draw the energy ledger against time, of ground in an absorbing layer or not."""
+    """Draw the energy since the start of the run, of ground in an absorbing layer or not."""
     figure = _figure(9.6, 3.4)
     axes = figure.subplots()
     names = {
@@ -345,19 +347,21 @@ def energy_figure(energy, lead, layered=False):
     }  # fmt: skip
     if layered and "absorbing_layer" not in energy:  # both are damping
         names["damping"] += " and absorbing layer"
-    factor, unit = (1e-9, "GJ") if np.abs(energy["input"]).max() > 1e10 else (1e-6, "MJ")
+    gained = {name: energy[name] - energy[name][0] for name in names if name in energy}
+    top = max(float(np.abs(gain).max()) for gain in gained.values())
+    factor, unit = next((each for each in ENERGY_UNITS if each[0] * top > 1.0), ENERGY_UNITS[-1])
     for number, (name, label) in enumerate(names.items()):
-        if name in energy:
+        if name in gained and np.abs(gained[name]).max() > LEAST_SHOWN * top:
             style = {"color": f"C{number}", "lw": 1.2}
             if name == "input":
                 style = {"color": INK, "lw": 3.0, "alpha": 0.35}
-            axes.plot(energy["time"] - lead, factor * energy[name], label=label, **style)
+            axes.plot(energy["time"] - lead, factor * gained[name], label=label, **style)
     axes.set_xlabel("time after the first firing [s]")
     axes.set_ylabel(f"energy [{unit}]")
-    top = factor * max(float(np.abs(energy[name]).max()) for name in names if name in energy)
-    if top > 0.0:
+    least = min(float(gain.min()) for gain in gained.values())
+    if top > 0.0 and least > -LEAST_SHOWN * top:  # joints under initial stress give energy, too
         axes.set_yscale("log")
-        axes.set_ylim(LEAST_SHOWN * top, 2.0 * top)
+        axes.set_ylim(LEAST_SHOWN * factor * top, 2.0 * factor * top)
     axes.legend(fontsize=7, frameon=False, loc="upper left", bbox_to_anchor=(1.0, 1.0))
     _tidy(axes)
     return _uri(figure)

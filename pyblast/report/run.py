@@ -227,7 +227,7 @@ def _figures(result):
         ),
         (
             "Energy",
-            "Energy balance of the input, on a logarithmic scale; it closes within "
+            "Energy since the start of the run; the balance closes within "
             f"{100.0 * summary['run']['balance_error']:.2g} %.{_energy_words(summary)}",
             (),
             figures.energy_figure(

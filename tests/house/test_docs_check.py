@@ -83,7 +83,7 @@ def test_texts_are_the_same_up_to_the_error_of_numbers(made, other):
 
 def test_the_index_of_examples_has_no_gaps_and_lists_all_of_them():
     text = (ROOT / "docs" / "examples.md").read_text(encoding="utf-8")
-    rows = re.findall(r"^\| (\d+) \| `(examples/[^`]+)` \|", text, re.MULTILINE)
+    rows = re.findall(r"^\| (\d+) \| \[?`(examples/[^`]+)`", text, re.MULTILINE)
     scripts = sorted((ROOT / "examples").glob("[0-9]*.py"))
     projects = {path.parent for path in (ROOT / "examples").glob("*/project.toml")}
 
