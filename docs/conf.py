@@ -89,8 +89,14 @@ def escaped(_app, _what, _name, _object, _options, lines):
         lines[number] = "".join(parts)
 
 
+def downloads(_app, _page, source):
+    """Let links to pages beside the documents, which are no pages of the site, lead to the file."""
+    source[0] = re.sub(r"\]\(((?:\.\./)+examples/[^)\s]+\.md)\)", r"](path:\1)", source[0])
+
+
 def setup(app):
-    """Register the list of public names."""
+    """Register the list of public names and the links to examples."""
+    app.connect("source-read", downloads)
     app.add_directive("public-names", PublicNames)
     app.connect("autodoc-process-docstring", escaped, priority=100)  # before napoleon
     return {"parallel_read_safe": True}

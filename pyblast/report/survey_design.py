@@ -377,14 +377,16 @@ def ranges_figure(survey):
         if not row["why"]:
             ends = [_unit(row, value) for value in row["within"]]
             axis.plot(ends, [y + 0.1] * 2, color=SIMULATED, lw=2)
-            axis.plot(_unit(row, row["value"]), y + 0.1, "o", color=SIMULATED, ms=6)
+            best = _unit(row, row["value"])
+            axis.plot(best, y + 0.1, "o", color=SIMULATED, ms=6)
+            axis.text(best, y - 0.08, _short(row["value"]), fontsize=7, va="top", ha="center")
     axis.plot([], [], color=SIMULATED, marker="o", lw=2, label="best, with 90 % interval")
     if any(row["laboratory"] is not None for row in rows):
         axis.plot([], [], color=LABORATORY, lw=5, label="laboratory")
     axis.set_yticks(np.arange(len(rows))[::-1], [row["path"] for row in rows])
     axis.set_xlim(-BEYOND, 1.0 + BEYOND)
     axis.set_ylim(-0.6, len(rows) - 0.2)
-    axis.set_xticks([0.0, 1.0], ["low", "high"])
+    axis.set_xticks([0.0, 1.0], ["lowest", "highest value searched"])
     axis.legend(fontsize=7, frameon=False, ncol=3, loc="lower right", bbox_to_anchor=(1.0, 1.0))
     _tidy(axis)
     axis.grid(False)
