@@ -164,10 +164,10 @@ def dipping_planes(case) -> tuple[str, ...]:
     return tuple(each[len(each) // 2] for each in positions if each)
 
 
-def _angle(one, other):
+def _angle(first, second):
     """Return the angle in deg between planes of two orientations."""
     normals = []
-    for dip, direction in (one, other):
+    for dip, direction in (first, second):
         horizontal = math.sin(math.radians(dip)) * _direction(direction)
         normals.append([*horizontal, math.cos(math.radians(dip))])
     return math.degrees(math.acos(min(abs(float(np.dot(*normals))), 1.0)))
