@@ -40,6 +40,26 @@ def test_a_row_has_a_test_or_says_that_it_lacks():
         assert ("lacking" in cells) != ("::test_" in cells[-1]), row
 
 
+GUIDE = (ROOT / "docs" / "guide" / "project_file.md").read_text(encoding="utf-8")
+REFUSED = re.findall(r"^\| `((\w+) = [^`]+)` \| (.+) \|$", GUIDE, re.MULTILINE)
+
+
+@pytest.mark.parametrize(("written_so", "key", "sentence"), REFUSED)
+def test_the_guide_says_how_a_wrong_value_of_its_file_is_refused(
+    tmp_path, written_so, key, sentence
+):
+    file = re.findall(r"## The smallest one\n\n```toml\n(.*?)```", GUIDE, re.DOTALL)[0]
+    line = {"kn_gpa_m": "kn_gpa_per_m"}.get(key, key)
+    (tmp_path / "p.toml").write_text(
+        re.sub(rf"^{line} = .*$", written_so, file, count=1, flags=re.MULTILINE)
+    )
+
+    with pytest.raises(InputError) as refusal:
+        load_project(tmp_path / "p.toml")
+
+    assert str(refusal.value).endswith(sentence)
+
+
 def test_every_curve_of_a_run_is_a_table_that_is_read_again(tmp_path):
     time = 1e-3 * np.arange(300)
     motion = np.outer(1e-3 * np.sin(60.0 * time) * np.exp(-9.0 * time), [1.0, 2.0, 3.0])
