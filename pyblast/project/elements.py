@@ -412,21 +412,21 @@ def with_laws(mesh, materials):
     laws = {materials[part.material].law.name for part in mesh.layers}
     if not mesh.quadratic or laws <= {"elastic"}:
         return mesh
-    return _scaled(mesh, LINEAR_EDGE, quadratic=False)
+    return scaled(mesh, LINEAR_EDGE, quadratic=False)
 
 
-def _scaled(mesh, factor, **other):
+def scaled(mesh, factor, **other):
     """Return a `MeshConfig` with a factor on all edges, and with other values."""
 
-    def scaled(part):
+    def resized(part):
         sizes = {key: getattr(part, key, None) for key in ("edge_m", "padding_edge_m")}
         sizes = {key: factor * value for key, value in sizes.items() if value is not None}
         if getattr(part, "edges_per_wavelength", None) is not None:
             sizes["edges_per_wavelength"] = part.edges_per_wavelength / factor
         return part.model_copy(update=sizes)
 
-    parts = {key: [scaled(part) for part in getattr(mesh, key)] for key in SIZED}
-    return scaled(mesh).model_copy(update={**parts, **other})
+    parts = {key: [resized(part) for part in getattr(mesh, key)] for key in SIZED}
+    return resized(mesh).model_copy(update={**parts, **other})
 
 
 def refined(project, error: float = FINER_ERROR):
@@ -449,8 +449,8 @@ def refined(project, error: float = FINER_ERROR):
         usable = error < 1.0 and laws == {"elastic"} and not mesh.quadratic
         return mesh.model_copy(update={"quadratic": True}) if usable else None
     factor, top = edge_factor(error), _frequency(sized_by_blast(project).config)
-    scaled = _scaled(mesh, factor)
-    return scaled if top is None else scaled.model_copy(update={"frequency_hz": top / factor})
+    finer = scaled(mesh, factor)
+    return finer if top is None else finer.model_copy(update={"frequency_hz": top / factor})
 
 
 def edge_factor(error: float) -> float:

@@ -62,9 +62,34 @@ def test_missing_joints_are_parallel_to_listed_planes_or_of_any_dip_without_them
     assert {name.split()[3] for name in free if "dip 60" in name} == {
         f"{45 * k}" for k in range(8)
     }  # fmt: skip
-    assert listed("missing_joint/dipping", site(60.0)) == ()
-    assert "one family" in untestable("missing_joint/dipping", site(60.0))
     assert "oblique" in untestable("missing_joint/parallel", site())
+
+
+def test_a_missing_joint_of_any_strike_is_sought_beside_listed_planes():
+    beside = listed("missing_joint/dipping", site(60.0))
+    upright = listed("missing_joint/dipping", small_site())
+
+    assert {name.rpartition(" at ")[0] for name in beside} == {
+        "dip 60 to 280", "dip 60 to 190", "dip 60 to 10",
+    }  # fmt: skip
+    assert {name.split()[3] for name in upright} == {"0", "180", "270"}
+    assert len(beside) == len(upright) == 3  # one of each orientation
+
+
+def test_zones_across_listed_planes_are_tetrahedra_with_a_control_of_their_own():
+    believed = site(60.0)
+    target = listed("missing_joint/dipping", believed)[0]
+    free = {"offset": 0.0, "turn": 0.0, "steeper": 0.0}
+    welded = LIBRARY["missing_joint/dipping"].mesh_control(believed, target, **free, **WEAK)
+    joined, bare = (
+        sent(each)
+        for each in (applied("missing_joint/dipping", target, believed, **free, **STIFF), welded)
+    )
+
+    assert believed.ground.mesh.hexahedral
+    assert not welded.ground.mesh.hexahedral
+    assert welded.joints == believed.joints
+    assert shared(joined, bare) < 0.05
 
 
 def test_candidate_planes_pass_between_holes_and_receivers():

@@ -43,7 +43,17 @@ def test_loss_and_fissures_are_seen_beside_a_dipping_fault(name, values):
 
 
 @pytest.mark.long
+def test_a_joint_across_a_dipping_fault_is_seen():
+    joint = hidden("missing_joint/dipping", "dip 60 to 130 at 8.6", offset=4.0, turn=0.1,
+                   steeper=0.0, kn=1.5e8, ks=6e7)  # fmt: skip
+    scored, threshold = classes("dipping", ["missing_joint/dipping", "attenuation_Q"], joint)
+
+    assert max(scored, key=scored.get) == "missing_joint"
+    assert scored["missing_joint"] > threshold
+
+
+@pytest.mark.long
 def test_nothing_scores_beside_a_dipping_fault_where_nothing_is_missing():
-    scored, threshold = classes("dipping", ["attenuation_Q", "anisotropy"])
+    scored, threshold = classes("dipping", ["attenuation_Q", "anisotropy", "missing_joint/dipping"])
 
     assert max(scored.values()) < threshold

@@ -2,7 +2,7 @@
 
 import math
 from dataclasses import replace
-from itertools import pairwise
+from itertools import pairwise, product
 
 import numpy as np
 from scipy.interpolate import LinearNDInterpolator, NearestNDInterpolator
@@ -13,7 +13,7 @@ from ...errors import InputError
 from ...inference.parameter import Parameter
 from ...model.joint import Joint
 from ...model.material import Material
-from ...project.elements import for_band, survey_positions
+from ...project.elements import for_band, scaled, survey_positions
 from ...project.flat_box import band_of, ground_materials, is_anisotropic
 from ...project.ground import joint_of_surface, make_joint, make_material
 from ..hypotheses import hypothesis, remeshable
@@ -24,6 +24,10 @@ COMPASS = ("N", "NE", "E", "SE", "S", "SW", "W", "NW")
 EDGES = 1.5  # candidate planes per shortest S wavelength in the fastest layer
 NEAREST = 0.25  # of that spacing, least distance of an unlisted joint from listed parallel ones
 PARALLEL = 1e-6  # deg
+ALIKE = 0.01  # deg, of an orientation in the name of a plane
+APART = 20.0  # deg, of candidate planes from listed ones and from one another
+MOST_ORIENTATIONS = 4  # of candidate planes beside listed ones: each costs eight runs
+COARSER = 1.5  # edges of tetrahedra across listed planes, over those that a project asks for
 SURVEY = 9  # rows of places along a slope, and places of a row
 BEYOND = 2.0  # box diagonals that a slope covers on either side
 
@@ -85,13 +89,6 @@ def oblique_planes(case) -> str:
     return "no listed fault or joint set dips or is oblique: other forms try all directions"
 
 
-def no_planes(case) -> str:
-    """Require ground without listed planes, so that one of any dip fits its zones."""
-    if not _listed(case.project):
-        return ""
-    return "zones fit one family of dipping planes: a further one is tried parallel to the listed"
-
-
 def _on_top(places, dip, direction, project):
     """Return where planes through places (n, 3) meet the top, in m along the dip direction."""
     slope = 0.0 if dip == UPRIGHT else 1.0 / math.tan(math.radians(dip))
@@ -137,17 +134,43 @@ def between(before: float, after: float, spacing: float) -> np.ndarray:
 
 def parallel_planes(case) -> tuple[str, ...]:
     """Name candidate planes parallel to listed dipping or oblique ones, and upright across them."""
+    return _candidates(case, _with_listed(case.project))
+
+
+def _with_listed(project):
+    """Return the orientations of planes that one family of zones fits beside listed ones."""
     orientations = []
-    for dip, direction in _listed(case.project):
+    for dip, direction in _listed(project):
         if dip > 0.0 and not _along_axes((dip, direction)):
             orientations += [(dip, direction), (UPRIGHT, (direction + 90.0) % 180.0)]
-    return _candidates(case, dict.fromkeys(orientations))
+    return tuple(dict.fromkeys(orientations))
 
 
 def dipping_planes(case) -> tuple[str, ...]:
-    """Name candidate planes that dip in eight directions or are upright along two diagonals."""
-    dipping = [(STEEP, 45.0 * k) for k in range(len(COMPASS))]
-    return _candidates(case, [*dipping, (UPRIGHT, 45.0), (UPRIGHT, 135.0)])
+    """Name candidate planes that dip in eight directions or are upright along two diagonals.
+
+    Beside listed planes: that dip against and along them, one of each orientation, in the middle.
+    """
+    listed = _listed(case.project)
+    if not listed:
+        dipping = [(STEEP, 45.0 * k) for k in range(len(COMPASS))]
+        return _candidates(case, [*dipping, (UPRIGHT, 45.0), (UPRIGHT, 135.0)])
+    orientations = []
+    for turn, (_, direction) in product((180.0, 90.0, 270.0), listed):
+        new = STEEP, (direction + turn) % 360.0
+        if all(_angle(new, other) > APART for other in (*listed, *orientations)):
+            orientations.append(new)
+    positions = [_candidates(case, [each]) for each in orientations[:MOST_ORIENTATIONS]]
+    return tuple(each[len(each) // 2] for each in positions if each)
+
+
+def _angle(first, second):
+    """Return the angle in deg between planes of two orientations."""
+    normals = []
+    for dip, direction in (first, second):
+        horizontal = math.sin(math.radians(dip)) * _direction(direction)
+        normals.append([*horizontal, math.cos(math.radians(dip))])
+    return math.degrees(math.acos(min(abs(float(np.dot(*normals))), 1.0)))
 
 
 def _turned(target, turn, steeper):
@@ -209,10 +232,29 @@ def _with_joint(project, target, kn, ks, **where):
     fault = _fault(project, target, **where)
     if fault is None or not _apart(project, fault):
         return None
-    mesh = project.config.mesh
-    mesh = mesh.model_copy(update={"faults": [*mesh.faults, fault]})
     joint = Joint(fault.name, "elastic", {"kn": kn, "ks": ks})
-    return _as_meshed(project, project.changed(mesh=mesh, joints=(*project.joints, joint)))
+    return _cut(project, target, fault, (*project.joints, joint))
+
+
+def _cut(project, target, fault, joints):
+    """Return a project whose zones end on one more fault; None if it can't be meshed.
+
+    Hexahedra fit one family of planes: where the target is across listed ones, zones become
+    tetrahedra.
+    """
+    mesh, named = project.config.mesh, _turned(target, 0.0, 0.0)[:2]
+    family = _with_listed(project)
+    across = _listed(project) and all(_angle(named, each) > ALIKE for each in family)
+    cut = mesh.model_copy(update={"faults": [*mesh.faults, fault]})
+    if not (across and project.ground.mesh.hexahedral):
+        return _as_meshed(project, project.changed(mesh=cut, joints=joints))
+    return project.changed(mesh=scaled(cut, COARSER, kind="tetrahedra"), joints=joints)
+
+
+def cut_there(project, target, **_):
+    """Return the mesh control of a missing joint: zones that end on its plane, as it is named."""
+    fault = _fault(project, target, 0.0)
+    return (fault and _cut(project, target, fault, project.joints)) or project
 
 
 OFFSET = Parameter("offset", mean=0.0, sigma=10.0, unit="m", starts=(0.0,), low=-40.0, high=40.0)
@@ -254,6 +296,7 @@ BOTH_SIDES = "receivers close to the plane on both sides, or a blast on its othe
     parameters=[OFFSET, *STIFFNESSES],
     decided_by=BOTH_SIDES,
     described=turned_plane,
+    mesh_control=cut_there,
     simulated=(remeshable, oblique_planes),
 )
 def parallel_joint(project, target, offset, kn, ks):
@@ -277,10 +320,11 @@ def parallel_joint(project, target, offset, kn, ks):
     ],
     decided_by=BOTH_SIDES,
     described=turned_plane,
-    simulated=(remeshable, no_planes),
+    mesh_control=cut_there,
+    simulated=(remeshable,),
 )
 def dipping_joint(project, target, offset, turn, steeper, kn, ks):
-    """A joint of any strike and dip crosses ground in which the model lists none."""
+    """A joint that the model does not list, of any strike and dip, crosses the ground."""
     return _with_joint(project, target, kn, ks, offset=offset, turn=turn, steeper=steeper)
 
 
