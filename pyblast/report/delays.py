@@ -155,7 +155,8 @@ def tried_figure(summary):
     drawn = axis.scatter(1e3 * holes, 1e3 * rows, c=severity, s=26, cmap=SEVERITY)
     best = summary["delays_s"]
     axis.scatter(1e3 * best["between_holes"], 1e3 * best["between_rows"], s=150, facecolors="none",
-                 edgecolors=INK, lw=1.6)  # fmt: skip
+                 edgecolors=INK, lw=1.6, label="best")  # fmt: skip
+    axis.legend(fontsize=7, frameon=False, loc="lower right", bbox_to_anchor=(1.0, 1.0))
     axis.set_xlabel("delay between holes [ms]")
     axis.set_ylabel("delay between rows [ms]")
     axis.margins(0.06)

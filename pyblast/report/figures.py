@@ -380,8 +380,9 @@ def _short(value):
 
 
 def _tidy(axis):
-    """Light grid, small labels, no frame above and right."""
+    """Light grid below all else, small labels, no frame above and right."""
     axis.grid(color="#e5e5e5", lw=0.6)
+    axis.set_axisbelow(True)
     axis.tick_params(labelsize=8)
     axis.spines[["top", "right"]].set_visible(False)
 
