@@ -46,10 +46,10 @@ def _timing(blast):
     """Return a sentence on the first and last firing time."""
     first, last = 1e3 * blast.times.min(), 1e3 * blast.times.max()
     instants = len(np.unique(np.round(blast.times / SAME_INSTANT)))
-    return (
-        f"{len(blast.times)} charges fire at {instants} instants, the first at {first:g} ms, "
-        f"the last at {last:g} ms."
-    )
+    count = f"{len(blast.times)} charge{'s fire' if len(blast.times) > 1 else ' fires'}"
+    if instants == 1:
+        return f"{count} at one instant, {first:g} ms."
+    return f"{count} at {instants} instants, the first at {first:g} ms, the last at {last:g} ms."
 
 
 def _charging(blast):

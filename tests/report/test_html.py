@@ -262,3 +262,43 @@ def test_a_figure_that_can_not_be_drawn_costs_that_figure():
     assert b"can't be drawn (division by zero)" in base64.b64decode(image.split(",")[1]).replace(
         b"&#x27;", b"'"
     )
+
+
+def energy_axes(monkeypatch, **terms):
+    """Return the axes of the figure of energies."""
+    monkeypatch.setattr(figures, "_uri", lambda figure: figure)
+    time = np.linspace(0.0, 1.0, 5)
+    return figures.energy_figure({"time": time} | terms, 0.0).axes[0]
+
+
+def test_energies_are_those_since_the_start_and_terms_without_any_are_left_out(monkeypatch):
+    put_in = np.array([0.0, 100.0, 400.0, 300.0, 200.0])
+
+    axes = energy_axes(
+        monkeypatch, input=put_in, joint_stored=7e6 + put_in, joint_dissipated=0.0 * put_in
+    )
+
+    drawn = {line.get_label(): line.get_ydata() for line in axes.lines}
+    assert set(drawn) == {"put in", "stored in joints"}
+    np.testing.assert_allclose(drawn["stored in joints"], put_in)
+    assert axes.get_ylabel() == "energy [J]"
+    assert axes.get_yscale() == "log"
+
+
+def test_joints_that_give_energy_are_drawn_on_a_linear_scale(monkeypatch):
+    put_in = np.array([0.0, 100.0, 400.0, 300.0, 200.0])
+
+    axes = energy_axes(monkeypatch, input=put_in, joint_stored=7e6 - put_in)
+
+    assert axes.get_yscale() == "linear"
+
+
+def test_the_spectrum_of_a_source_of_few_samples_reaches_the_top(monkeypatch):
+    monkeypatch.setattr(figures, "_uri", lambda figure: figure)
+    table = np.array([[0.0, 0.0], [0.01, 1.0], [0.02, 0.0]])
+
+    spectrum = figures.source_figure({"force_1": table}, 200.0).axes[1].lines[0]
+
+    frequency, share = spectrum.get_data()
+    assert frequency[-1] >= 200.0
+    assert share[np.argmin(np.abs(frequency - 100.0))] < 0.05  # sinc: a zero at 1/0.01 s
