@@ -157,6 +157,18 @@ def test_faults_of_one_family_turn_together_and_back():
                                    5.0 * math.cos(math.radians(100.0)), 0.0])  # fmt: skip
 
 
+@pytest.mark.parametrize("dips", [(90.0,), (60.0,)])
+def test_a_fault_that_ends_at_a_depth_opens_above_it_alone(dips):
+    believed = site(*dips)
+    ended = applied("partial_joint", "F0", believed, depth=15.0)
+    surface = ended.mesh.points[np.unique(ended.mesh.surfaces["F0"])]
+
+    assert surface[:, 2].min() == pytest.approx(-15.0, abs=0.5)
+    assert surface[:, 2].max() == pytest.approx(0.0, abs=0.1)
+    assert LIBRARY["partial_joint"].targets(replace(scene().case, project=ended)) == ()
+    assert applied("partial_joint", "F0", believed, depth=100.0) is believed
+
+
 def test_one_of_parallel_faults_moves_alone_and_no_fault_overturns():
     moved = applied("wrong_geometry/place", "F1", site(60.0, 60.0), shift=4.0)
     before = site(60.0, 60.0).config.mesh.faults

@@ -306,3 +306,22 @@ def test_loss_of_one_material_leaves_the_others_as_they_are():
     assert (changed["clay"].law.qs, changed["soft"]) == (10.0, layered.materials["soft"])
     case = replace(scene().case, project=layered)
     assert LIBRARY["attenuation_Q/one material"].targets(case) == ("clay", "soft")
+
+
+def test_water_speeds_p_waves_alone_below_its_table():
+    layered = layers_of_rock(clay=20.0, soft=None)
+    wet = applied("water_table", "", layered, depth=8.0, faster=1.3)
+    layers = flat_box(wet).layers
+    rocks = [wet.materials[name] for name, _ in layers]
+    dry = layered.materials["clay"]
+
+    assert [thickness for _, thickness in layers] == [8.0, 12.0, None]
+    assert [rock.cp / dry.cp for rock in rocks] == pytest.approx([1.0, 1.3, 1.3])
+    assert [rock.cs / dry.cs for rock in rocks] == pytest.approx([1.0, 1.0, 1.0])
+    assert applied("water_table", "", layered, depth=60.0, faster=1.3) is None
+
+
+def test_water_that_changes_no_speed_changes_nothing_but_the_mesh():
+    dry = applied("water_table", "", depth=10.0, faster=1.0)
+
+    assert shared(sent(dry), sent(small_site())) < 0.1  # 1 % of the energy

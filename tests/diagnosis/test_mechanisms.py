@@ -31,12 +31,14 @@ def hidden(name, target, **values):
 
 @pytest.mark.long
 @pytest.mark.parametrize(
-    ("name", "values"),
-    [("attenuation_Q", {"q": 12.0}),
-     ("anisotropy", {"azimuth": 0.5, "normal": 0.2, "shear": 0.2})],
+    ("name", "target", "values"),
+    [("attenuation_Q", "", {"q": 12.0}),
+     ("anisotropy", "", {"azimuth": 0.5, "normal": 0.2, "shear": 0.2}),
+     ("partial_joint", "J1", {"depth": 20.0}),
+     ("water_table", "", {"depth": 12.0, "faster": 1.3})],
 )  # fmt: skip
-def test_loss_and_fissures_are_seen_beside_a_dipping_fault(name, values):
-    scored, threshold = classes("dipping", [name], hidden(name, "", **values))
+def test_what_is_missing_beside_a_dipping_fault_is_seen(name, target, values):
+    scored, threshold = classes("dipping", [name], hidden(name, target, **values))
 
     assert max(scored, key=scored.get) == name
     assert scored[name] > threshold
@@ -54,6 +56,9 @@ def test_a_joint_across_a_dipping_fault_is_seen():
 
 @pytest.mark.long
 def test_nothing_scores_beside_a_dipping_fault_where_nothing_is_missing():
-    scored, threshold = classes("dipping", ["attenuation_Q", "anisotropy", "missing_joint/dipping"])
+    scored, threshold = classes(
+        "dipping",
+        ["attenuation_Q", "anisotropy", "missing_joint/dipping", "partial_joint", "water_table"],
+    )
 
     assert max(scored.values()) < threshold

@@ -422,6 +422,57 @@ def misplaced_fault(project, target, shift):
     return _moved(project, target, 0.0, 0.0, shift)
 
 
+def endless_faults(case) -> tuple[str, ...]:
+    """Name the faults with joints that cross the whole ground."""
+    project = case.project
+    jointed = {joint.surface for joint in project.joints}
+    return tuple(
+        part.name
+        for part in project.config.mesh.faults
+        if part.radius_m is part.extent_m is None and part.dip_deg > 0.0 and part.name in jointed
+    )
+
+
+@hypothesis(
+    "partial_joint",
+    family="path",
+    on="site",
+    target="fault",
+    targets=endless_faults,
+    axis="both",
+    parameters=[
+        Parameter(
+            "depth",
+            mean=20.0,
+            sigma=0.8,
+            unit="m",
+            log=True,
+            starts=(15.0,),
+            low=4.0,
+            high=200.0,
+            null=np.inf,
+        )
+    ],
+    decided_by="a borehole through the fault at depth",
+    simulated=(remeshable,),
+)
+def partial_joint(project, target, depth):
+    """This fault ends at a depth: the rock is whole below it."""
+    mesh, faults = project.config.mesh, []
+    if depth >= mesh.size_m[2]:
+        return project
+    for fault in mesh.faults:
+        if fault.name == target:
+            dip, rise = math.radians(fault.dip_deg), _top(project) - fault.through_m[2]
+            x, y = fault.through_m[:2] - rise / math.tan(dip) * _direction(fault.dip_direction_deg)
+            along = 2.0 * BEYOND * math.hypot(*mesh.size_m[:2]) + 4.0 * (mesh.padding_m or 0.0)
+            limits = {"through_m": [float(x), float(y), _top(project)],
+                      "extent_m": [along, 2.0 * depth / math.sin(dip)]}  # fmt: skip
+            fault = fault.model_copy(update=limits)
+        faults.append(fault)
+    return _as_meshed(project, project.changed(mesh=mesh.model_copy(update={"faults": faults})))
+
+
 def sampled_top(case) -> str:
     """Require a top that is flat or surveyed by places, on which a slope can be added."""
     surface = case.project.surface

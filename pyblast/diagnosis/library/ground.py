@@ -367,6 +367,65 @@ def soft_surface_layer(project, target, thickness, slower):
     return _layered(project, thickness, slower)
 
 
+def _saturated(project, depth, faster):
+    """Return a project with faster P waves below a depth under the top of the box."""
+    mesh, layers, materials = project.config.mesh, [], dict(project.materials)
+    above = depth
+    for layer in mesh.layers:
+        dry = above if layer.thickness_m is None else min(above, layer.thickness_m)
+        rest = None if layer.thickness_m is None else layer.thickness_m - dry
+        if dry > 0.0:
+            layers.append(layer.model_copy(update={"thickness_m": float(dry)}))
+        if rest is None or rest > 0.0:
+            own, rock = f"{layer.material} with water", project.materials[layer.material]
+            wet = Material.from_speeds(rock.density, faster * rock.cp, rock.cs)
+            materials[own] = replace(rock, bulk=wet.bulk, shear=wet.shear)
+            layers.append(layer.model_copy(update={"material": own, "thickness_m": rest}))
+        above -= dry
+    if depth >= mesh.size_m[2]:
+        return None
+    return project.changed(mesh=mesh.model_copy(update={"layers": layers}), materials=materials)
+
+
+def _as_dry(project, target, depth, faster):
+    """Return the mesh control of a water table: P waves as fast below it as above."""
+    del target, faster
+    return _saturated(project, depth, 1.0) or project
+
+
+@hypothesis(
+    "water_table",
+    family="path",
+    on="site",
+    target="site",
+    axis="both",
+    mesh_control=_as_dry,
+    parameters=[
+        Parameter(
+            "depth", mean=10.0, sigma=0.7, unit="m", log=True, starts=(10.0,), low=2.0, high=60.0
+        ),
+        Parameter(
+            "faster",
+            mean=1.2,
+            sigma=0.2,
+            log=True,
+            starts=(1.2,),
+            low=1.01,
+            high=4.0,
+            null=1.0,
+        ),
+    ],
+    decided_by="the level of water in a borehole, or a refraction survey of P waves",
+    simulated=(remeshable, elastic_ground),
+)
+def water_table(project, target, depth, faster):
+    """Water fills the ground below a depth: P waves are faster there, S waves are not."""
+    del target
+    if is_anisotropic(project.materials):
+        return None
+    return _saturated(project, depth, faster)
+
+
 @hypothesis(
     "wrong_coordinates",
     form="receiver",
