@@ -46,7 +46,8 @@ def row(site, folder):
     """Return the row of one site."""
     case = case_of(read_case(SITES / f"case-{site}" / "B2.toml"))
     scene, _ = prepared(case, folder)
-    scores = SiteScores(scene, error_of(scene), tuple(members_of(scene)), 1)
+    members = members_of(scene)
+    scores = SiteScores(scene, error_of(scene, members), tuple(members), 1)
     truth = tomllib.loads((SITES / "truth" / f"case-{site}" / "truth.toml").read_text())
     label = truth["effects"][0]
     null, effect = _null_and_effect(scene, site, truth)

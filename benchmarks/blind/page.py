@@ -63,12 +63,10 @@ A case takes {cpu} of one core and {runs} runs (medians).
 TARGETS = {
     "false alarm": ("on nulls, some physics claimed", "≤ 5 %"),
     "false alarm, hard": ("the same on hard nulls", ""),
-    "false alarm, hard, beyond": ("the same, where twice the errors would not explain it", ""),
     "false alarm, invisible": ("the same on effects of d′ < 4, which cannot be detected", ""),
     "null said NULL": ("nulls that are called NULL", ""),
     "precision when named": ("answers with names in which every name is right", "≥ 90 %"),
     "top-1": ("named, and right, of d′ ≥ 8", "≥ 75 %"),
-    "top-1, beyond": ("the same, where twice the errors would not explain it", ""),
     "top-2": ("named or in the class, of d′ ≥ 8", ""),
     "first in rank": ("best evidence of all single effects, of d′ ≥ 8", ""),
     "family": ("family right, of d′ ≥ 8", ""),

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pyblast.diagnosis.thresholds import DECISIVE, MATERIAL
+from pyblast.diagnosis.thresholds import DECISIVE
 from pyblast.project.result import write_text
 
 from .plan import FAMILY, NULLS
@@ -71,7 +71,6 @@ def row_of(truth: dict, answer: dict, measured: dict | None = None) -> dict:
         "true": [one["label"] for one in truth["effects"]], "outcome": outcome, "said": said,
         "named": named, "length": length, "share": truth["share"],
         "alarm": outcome in CLAIMS,
-        "beyond": (evidence.get("chi_square_at_double_error") or 0.0) >= MATERIAL,
         "right_name": bool(named) and set(named) <= set(true),
         "some": any(label in true for label in named),
         "all": bool(true) and set(true) <= set(named) and set(named) <= set(true),

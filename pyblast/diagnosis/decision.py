@@ -13,23 +13,19 @@ from .cross_validation import CrossValidation, cross_validate
 from .effects import Scene
 from .fitting import Fit, corrected, fit
 from .forward import Forward
-from .null_distribution import NullDistribution
 from .search import Search, material, worst
 from .thresholds import (
-    DECISIVE,
     FAR_OFF,
+    LEAD,
     MESH_CHANGE,
     MOST_EXPLAINED,
-    NULL_LEVEL,
-    PARTIAL_SHARE,
+    OUTLIER_LEVEL,
     REMAINS,
 )
 
 # A label as those of the library, but without parameters.
 RESOLUTION = "numerical_resolution"
-RESOLUTION_CLAIM = (
-    "On a finer mesh the evidence of this answer is below the null threshold, or unknown."
-)
+RESOLUTION_CLAIM = "On a finer mesh the evidence of this answer is below the threshold, or unknown."
 RESOLUTION_DECIDED_BY = (
     "shorter zones (`cuts` of `pyblast.workflows.diagnose`) until the answer stays"
 )
@@ -74,16 +70,12 @@ class Decision:
     mesh_change: float | None = None
 
 
-def decide(
-    search: Search, threshold: NullDistribution | None, fine: Forward | None = None
-) -> Decision:
+def decide(search: Search, fine: Forward | None = None) -> Decision:
     """Decide which effects of a search are named.
 
     Parameters
     ----------
     search : Search
-    threshold : NullDistribution or None
-        None if no effect was tried, or effects were scored.
     fine : Forward, optional
         Forward simulation on a finer mesh, by which the answer is corrected.
 
@@ -93,8 +85,8 @@ def decide(
 
     Notes
     -----
-    A name requires evidence above the null threshold, on the finer mesh too; beside other effects,
-    that a receiver with an effect of its own is an outlier without it; a lead over every
+    A name requires evidence above the threshold of the site, on the finer mesh too; beside other
+    effects, that a receiver with an effect of its own is an outlier without it; a lead over every
     other label; predicted held-out records; little that remains unexplained; and a budget that
     sufficed for the other effects. An effect that these records cannot test
     (`Hypothesis.untestable`) is never named: all effects that explain much form its class. Leads
@@ -103,13 +95,9 @@ def decide(
     without = search.without_effects
     decision = undecided(search)
     probability, nothing = decision.probability, decision.outcome
-    scored = search.scores is not None
-    learned = scored or search.scene.case.share is not None  # then evidence decides, if small
-    asked = bool(search.fits) and (scored or threshold is not None)
-    if (nothing == "NULL" and not learned) or not asked:
+    if not search.fits:
         return decision
-    chosen = _pruned(search, threshold)
-    required = _required_evidence(search, threshold, chosen, *chosen.labels)
+    chosen, required = _pruned(search), search.required
     if not chosen.effects or search.delta_ln_evidence(chosen) < required:
         best = chosen if chosen.effects else None
         return Decision(nothing, without, (), probability, 0.0, None, best)
@@ -124,7 +112,7 @@ def decide(
     likelihood = search.scene.baseline.likelihood
     share = likelihood.explained_share(without.chi_square, chosen.chi_square)
     basis = (probability, share, tested, chosen, mesh_change)
-    if not tested.supports or (share < PARTIAL_SHARE and not learned):
+    if not tested.supports:
         return Decision("UNKNOWN", without, (), *basis)
     more = more_remains(chosen.chi_square, share) or search.scored_beside(chosen)
     alone = untestable and len(rivals) == 1
@@ -140,7 +128,7 @@ def decide(
 def undecided(search: Search) -> Decision:
     """Return the decision on a search from which nothing can be concluded about effects."""
     without = search.without_effects
-    scored = search.scores is not None and search.left_over(without) >= search.scores.threshold
+    scored = search.scored_beside(without)
     far = np.max(np.abs(without.values / search.scene.baseline.sigma), initial=0.0) > FAR_OFF
     outcome = "UNKNOWN" if scored or far or material(without.chi_square) else "NULL"
     return Decision(outcome, without, (), _probabilities(search), 0.0, None)
@@ -246,7 +234,7 @@ def _ends(fit):
     ]
 
 
-def _pruned(search, threshold):
+def _pruned(search):
     """Drop effects, one by one, whose own evidence or held-out prediction does not suffice."""
     chosen = search.chosen or search.without_effects
     while len(chosen.labels) > 1:
@@ -255,7 +243,7 @@ def _pruned(search, threshold):
             base for base, label in shorter
             if base is not None and not (
                 search.delta_ln_evidence(chosen) - search.delta_ln_evidence(base)
-                >= _required_evidence(search, threshold, chosen, label)
+                >= search.required
                 and cross_validate(search.scene, base, chosen).supports
                 and _stands_out(search.scene.case.receivers, base, chosen, label)
             )
@@ -282,7 +270,7 @@ def _stands_out(receivers, base, chosen, label):
     if len(others) < 2:
         return False
     error = others.std(ddof=1) * np.sqrt(1.0 + 1.0 / len(others))
-    most = stats.t.isf((1.0 - NULL_LEVEL) / len(size), len(others) - 1)
+    most = stats.t.isf((1.0 - OUTLIER_LEVEL) / len(size), len(others) - 1)
     return bool(least - others.mean() > most * error)
 
 
@@ -294,14 +282,6 @@ def _each_is_tested(search, chosen, tested):
     return all(
         base is None or cross_validate(search.scene, base, chosen).subsets for base in shorter
     )
-
-
-def _required_evidence(search, threshold, chosen, *labels):
-    """Return the Δ ln evidence that the effects of some labels of a fit require."""
-    if search.scores is not None:
-        return search.scores.threshold
-    effects = [effect for effect in chosen.effects if effect.label in labels]
-    return max(threshold.threshold(effects), DECISIVE)
 
 
 def _without(search, chosen, label):
@@ -318,7 +298,7 @@ def _without(search, chosen, label):
 def _rivals(search, chosen, least=None):
     """Return the labels of fits whose evidence is near that of a set, or above ``least``."""
     if least is None:
-        least = search.delta_ln_evidence(chosen) - search.lead
+        least = search.delta_ln_evidence(chosen) - LEAD
     same = [known for known in search.fits if len(known.labels) == len(chosen.labels)]
     near = [known for known in same if search.delta_ln_evidence(known) > least]
     others = [label for known in near for label in known.labels if label not in chosen.labels]

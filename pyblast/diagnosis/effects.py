@@ -13,11 +13,13 @@ from ..blasts.blast import Blast
 from ..errors import InputError, contained
 from ..project.flat_box import quality_of
 from ..project.project import Project
+from ..solver.assembly import time_step
 from . import library  # noqa: F401  fills the library
 from .calibration import Baseline, attenuated, calibrated_parameters, with_values
 from .case import Case
 from .forward import Forward, Surroundings, geometry, surroundings
 from .hypotheses import FAMILIES, LIBRARY, Hypothesis, blast_and_hole, superposed
+from .thresholds import MOST_WORK
 
 FURTHER = "further blast"
 RUNS, HOLES = "runs", "motion of single holes"  # parts of a diagnosis that may fail
@@ -175,10 +177,33 @@ class Scene:
         missing = [b for b in blasts if (key, b) not in self._simulated]
         control = self._mesh_control(key[1])
         shape = geometry(control)
-        for b in missing:
-            if (shape, b) not in self._corrections and (shape, b) not in controls:
-                controls[shape, b] = self.forward.model(control, self.case.blasts[b])
-        return {b: self.forward.model(project, self.case.blasts[b]) for b in missing}, shape
+        models = {b: self.forward.model(project, self.case.blasts[b]) for b in missing}
+        own = {
+            (shape, b): self.forward.model(control, self.case.blasts[b])
+            for b in missing
+            if (shape, b) not in self._corrections and (shape, b) not in controls
+        }
+        for model in [*models.values(), *own.values()][:: max(len(missing), 1)]:
+            self._refuse_work(model)
+        controls.update(own)
+        return models, shape
+
+    def _refuse_work(self, model):
+        """Refuse a model whose run takes `MOST_WORK` times that of the reference.
+
+        Planes and surfaces that nearly meet leave zones without end of their time step.
+        """
+        times = _work(model) / self._work_of_reference
+        if times > MOST_WORK:
+            raise InputError(
+                f"its ground takes {times:.2g} times the work of the reference, and at most "
+                f"{MOST_WORK:g} are tried: where planes and surfaces nearly meet, zones are short"
+            )
+
+    @cached_property
+    def _work_of_reference(self):
+        """Work of a run of the reference."""
+        return _work(self.forward.model(self.case.project, self.case.blasts[0]))
 
     def _run(self, built, controls, projects):
         """Run the states that are not stored, together with their mesh controls."""
@@ -235,10 +260,27 @@ class Scene:
     def _by_holes(self, effect):
         """Return the change of motion by other times and scales of the holes of one blast."""
         name, _ = blast_and_hole(effect.target)
-        blast, at = self.case.project.blasts[name], self.case.blasts.index(name)
+        blast = self.case.project.blasts[name]
         if HOLES in self.failures and superposed in effect.hypothesis.simulated:
             raise InputError(f"{HOLES}: {self.failures[HOLES]}")
-        delays, scales = effect.hypothesis.apply(blast, effect.target, **effect.parameters)
+        return self.change_by_holes(
+            name, *effect.hypothesis.apply(blast, effect.target, **effect.parameters)
+        )
+
+    def change_by_holes(self, name: str, delays: np.ndarray, scales: np.ndarray) -> np.ndarray:
+        """Return the change of motion by other times and scales of the holes of a blast.
+
+        Parameters
+        ----------
+        name : str
+        delays, scales : (n_holes,) float64
+            In s; factors on the motion of each hole.
+
+        Returns
+        -------
+        (n_blasts, n_receivers, 3, n_samples) float64, m/s
+        """
+        blast, at = self.case.project.blasts[name], self.case.blasts.index(name)
         times, holes, n = blast.times, self.holes.get(name), self.case.n_samples
         if holes is None:  # all holes have the same delay and scale
             holes, times = self.baseline.motion[[at]], np.zeros(1)
@@ -254,6 +296,11 @@ class Scene:
         change = np.zeros((len(self.case.blasts), *holes.shape[1:]))
         change[at] = fft.irfft(spectrum.sum(axis=0), size)[..., :n]
         return change
+
+
+def _work(model):
+    """Return the work of a run in 1/s: nodes over its time step."""
+    return len(model.nodes.points) / time_step(model)[0]
 
 
 def starting_effects(hypothesis: Hypothesis, target: str, scene: Scene) -> list[Effect]:

@@ -11,11 +11,12 @@ from .thresholds import DECISIVE
 
 ROUNDING = 1e-8  # of the largest singular value: what whitening has lost
 DIFFERENCE = 0.1  # of a prior standard deviation, for derivatives
-ROUNDS = 4
+ROUNDS = 8
 LEAST_DECREASE = 2.0  # of the misfit, Δ ln L of one: a smaller one ends a minimisation
 LONGEST = 1.5  # prior standard deviations that a parameter of an effect may go in one round
 BACKTRACKS = 2
 CLEARLY = 2.0 * DECISIVE  # ln likelihood by which a fit stays behind, whatever its parameters cost
+HOPELESS = 4.0  # predicted decreases of a fit that do not bring it near a rival
 OUTDATED = 8.0  # further decrease predicted by a kept Jacobian, above which it is computed anew
 
 
@@ -106,6 +107,12 @@ class Fitter:
             motions.append(received)
         return motions
 
+    def residual(self, motion):
+        """Return the whitened residual of a motion, zero in blasts that are not fitted."""
+        residual = self.likelihood.residual(motion)
+        residual[[b for b in range(len(residual)) if b not in self.blasts]] = 0.0
+        return residual
+
     def misfit(self, residual):
         """Return -2 ln L of a whitened residual of the blasts that are fitted."""
         return float(self.likelihood.misfit(residual, self.blasts))
@@ -155,7 +162,7 @@ class Fitter:
         return LeastSquares(
             lambda x: self.motions([x])[0],
             None if known else lambda x, motion: -self.jacobian(x, motion, free),
-            residual=likelihood.residual,
+            residual=self.residual,
             misfit=self.misfit,
             weights=lambda residual: likelihood.weights(likelihood.chi_square(residual)),
             precision=1.0,
@@ -164,17 +171,19 @@ class Fitter:
             free=free,
         )
 
-    def minimise(self, x, motion, free=None, known=None):
+    def minimise(self, x, motion, free=None, known=None, wanted=np.inf):
         """Minimise by Gauss-Newton steps; return parameters, motion, Jacobian and Hessian.
 
-        A ``known`` Jacobian is used in place of new ones, in every step.
+        A ``known`` Jacobian is used in place of new ones, in every step. Each run updates it. Ends
+        where `HOPELESS` times the predicted decrease does not reach the ``wanted`` objective.
         """
         free = np.ones(len(x), dtype=bool) if free is None else free
         end = gauss_newton(
             self.problem(free, known is not None), x, motion,
-            converged=lambda _, decrease, __: decrease < LEAST_DECREASE, rounds=ROUNDS,
-            jacobian=None if known is None else -known, backtracks=BACKTRACKS, longest=self.longest,
-            least_gain=LEAST_DECREASE,
+            converged=lambda _, decrease, now: decrease < max(
+                LEAST_DECREASE, (now.objective - wanted) / HOPELESS
+            ), rounds=ROUNDS, jacobian=None if known is None else -known, broyden=True,
+            backtracks=BACKTRACKS, longest=self.longest, least_gain=LEAST_DECREASE,
         )  # fmt: skip
         return end.x, end.simulated, -end.jacobian, end.hessian
 
@@ -314,12 +323,12 @@ def fit(
         if jacobian is not None:  # it lacks the blasts that were not fitted first
             others = Fitter(scene, effects, reference, [b for b in every if b not in early])
             jacobian = jacobian + others.jacobian(x, motion, free)
-        known = jacobian
-        x, motion, jacobian, hessian = fitter.minimise(x, motion, free, known)
+        known, wanted = jacobian, np.inf if rival is None else _wanted(fitter, rival)
+        x, motion, jacobian, hessian = fitter.minimise(x, motion, free, known, wanted)
         decrease = 0.0
         if known is not None:
             decrease = fitter.predicted_decrease(x, motion, jacobian, free)
-        if rival is not None and not _may_equal(fitter, rival, x, motion, decrease):
+        if fitter.objective(x, motion) - decrease > wanted:
             return None
         if decrease > OUTDATED:
             x, motion, jacobian, hessian = fitter.minimise(x, motion, free)
@@ -356,15 +365,14 @@ def _promising(fitter, base, x, motion):
     return known - fitter.objective(x, motion) > 2.0 * DECISIVE * share
 
 
-def _may_equal(fitter, rival, x, motion, decrease):
-    """Tell whether a fit to some blasts may still come near a rival, after a further decrease.
+def _wanted(fitter, rival):
+    """Return the objective of a fit to some blasts from which it may still come near a rival.
 
     In the other blasts it can at best explain all that exceeds noise and model error.
     """
     others = [b for b in range(len(rival.chi_square)) if b not in fitter.blasts]
     floor = fitter.likelihood.misfit_of(np.minimum(rival.chi_square, 1.0), others)
-    behind = fitter.objective(x, motion) - decrease + floor - rival.misfit - rival.x @ rival.x
-    return behind < 2.0 * CLEARLY
+    return rival.misfit + rival.x @ rival.x - floor + 2.0 * CLEARLY
 
 
 def derivatives(scene: Scene, fit: Fit) -> np.ndarray:

@@ -25,9 +25,9 @@ from .case import Case
 from .effects import Effect, Scene, starting_effects
 from .fitting import Fit, derivatives
 from .hypotheses import LIBRARY, Hypothesis, blast_and_hole
-from .thresholds import DRAWN_LEVEL, DRAWS, FARTHEST, LEAST_SCORE, NUMERICAL
+from .thresholds import DRAWN_LEVEL, DRAWS, FARTHEST, IDEALISED, LEAST_SCORE, NUMERICAL
 
-STEP = 0.3  # prior standard deviations, of effects that start without a change
+STEP = 0.05  # prior standard deviations, of effects that start without a change
 TOGETHER = 8  # changes that are run together
 
 
@@ -222,10 +222,17 @@ def _change_without_runs(scene, trial):
     motion, changes = scene.baseline.motion, []
     for effect in trial.effects:
         with scene.contained((effect,)):
-            changes.append(scene.received(motion, (effect,)) - motion)
-    if len(changes) < len(trial.effects):
-        return None
-    return scene.case.band.project(np.array(changes))
+            changes.append(_change(scene, motion, scene.received(motion, (effect,))))
+    return np.array(changes) if len(changes) == len(trial.effects) else None
+
+
+def _change(scene, before, after):
+    """Return the change between two motions as the records see it, in the band.
+
+    What they leave unknown of the source follows each of both.
+    """
+    case = scene.case
+    return case.band.project(case.residual(before) - case.residual(after))
 
 
 def _changes_by_runs(scene, tried, blasts):
@@ -239,9 +246,9 @@ def _changes_by_runs(scene, tried, blasts):
         if any(motion is None for motion in own):
             changes.append(None)
             continue
-        change = np.zeros((len(own), *own[0].shape))
-        change[:, at] = (np.array(own) - scene.baseline.reference)[:, at]
-        changes.append(scene.case.band.project(change))
+        change = np.array([_change(scene, scene.baseline.reference, motion) for motion in own])
+        change[:, [b for b in range(change.shape[1]) if b not in at]] = 0.0
+        changes.append(change)
     return changes
 
 
@@ -262,8 +269,15 @@ class SiteError:
     numerical: np.ndarray
 
 
-def error_of(scene: Scene) -> SiteError:
+def error_of(scene: Scene, members: Sequence[Member] = ()) -> SiteError:
     """Build the error of the prediction around the calibrated motion of a site.
+
+    Parameters
+    ----------
+    scene : Scene
+    members : sequence of Member
+        Those of wave speeds, within the prior of these, are a part of the error: the slopes of the
+        calibration are those of longer steps.
 
     Notes
     -----
@@ -276,6 +290,7 @@ def error_of(scene: Scene) -> SiteError:
         motion, scene.surroundings.slopes(), [case.project.of(name) for name in case.blasts],
         case.receivers, band, priors,
     )  # fmt: skip
+    survey = _with_own_firings(scene, survey)
     kinds = [_kind(parameter) for parameter in baseline.parameters]
     ground = random_slopes(baseline.slopes, [UNEVEN[kind] for kind in kinds], band)
     numerical = UNCORRECTED * band.project(baseline.correction)
@@ -290,9 +305,40 @@ def error_of(scene: Scene) -> SiteError:
         "source": SOURCE * shaped(motion, band, range(4), (1.0, 1j)),
         "mesh": discretization_columns(numerical),
     }
+    for member in members:
+        if member.label == "rock_speed":
+            sigma = [p.sigma for p in member.hypothesis.parameters]
+            within = 0.01 * priors.speed_percent / np.array(sigma)[:, None, None, None, None]
+            parts["calibrated"] = np.concatenate(
+                [parts["calibrated"], within * member.change.shapes]
+            )
     own = moving_columns(parts, simulated.shape)
     every = own + survey + ground + transfer_columns(motion, band)
     return SiteError(record_blocks(case, motion), every, numerical)
+
+
+def _with_own_firings(scene, survey):
+    """Return the columns of a survey with those of firing times by the motion of each hole."""
+    seconds = 1e-3 * scene.case.project.config.priors.firing_ms
+    blasts = [name for name in scene.case.blasts if len(scene.holes.get(name, ())) > 1]
+    if not seconds or not blasts:
+        return survey
+    at = [scene.case.blasts.index(name) for name in blasts]
+    known = [
+        group == "firing" and bool(np.any(column[at]))
+        for group, column in zip(survey.groups, survey.columns, strict=True)
+    ]
+    rest = Nuisances(
+        survey.columns[~np.array(known)],
+        tuple(group for group, own in zip(survey.groups, known, strict=True) if not own),
+    )
+    motion = scene.baseline.motion
+    late = [
+        scene.change_by_holes(name, seconds * own, np.ones(len(own)))
+        for name in blasts for own in np.eye(len(scene.holes[name]))
+    ]  # fmt: skip
+    columns = [_change(scene, motion, motion + each) for each in late]
+    return rest + moving_columns({"firing": columns}, motion.shape[:3] + survey.columns.shape[4:])
 
 
 def _kind(parameter):
@@ -318,6 +364,24 @@ class SiteScores:
     members: tuple[Member, ...]
     seed: int
     _errors: dict[tuple[int, ...], Any] = field(default_factory=dict, repr=False)
+    _beside: dict[int, tuple[Fit, "SiteScores"]] = field(default_factory=dict, repr=False)
+
+    def at_fit(self, fit: Fit) -> "SiteScores":
+        """Return the scores beside a fit, whose effects on the site follow idealised laws.
+
+        The change of motion by them has an error of `IDEALISED` of its energy; theory.md (14.13).
+        """
+        if all(effect.hypothesis.family == "instrument" for effect in fit.effects):
+            return self
+        if id(fit) not in self._beside:
+            baseline = self.scene.baseline
+            calibrated = np.tensordot(fit.values - baseline.values, baseline.slopes, 1)
+            change = fit.motion - baseline.motion - calibrated
+            blocks = self.error.blocks.beside(change, self.scene.case.band, IDEALISED)
+            own = replace(self, error=replace(self.error, blocks=blocks), _errors={}, _beside={})
+            self._beside.clear()  # one is large
+            self._beside[id(fit)] = fit, own
+        return self._beside[id(fit)][1]
 
     def averaged(self, blasts: Sequence[int]) -> AveragedError:
         """Return the error of the records of some blasts."""
@@ -384,7 +448,8 @@ class SiteScores:
 
     def beside(self, fit: Fit) -> dict[str, float]:
         """Return the score of each label beside a fit, best first."""
-        by_class = self.by_class(self.log_bayes(self.residual(fit.motion, fit.values)[None]))
+        residual = self.residual(fit.motion, fit.values)[None]
+        by_class = self.by_class(self.at_fit(fit).log_bayes(residual))
         scored = {label: float(value[0]) for label, value in by_class.items()}
         return dict(sorted(scored.items(), key=lambda pair: -pair[1]))
 
@@ -397,12 +462,14 @@ class SiteScores:
         residual = self.residual(fit.motion, fit.values)
         residual = residual + np.tensordot(fit.x[len(fit.values) :], slopes, 1)
         every = range(len(self.scene.case.blasts))
-        scores = self.test_of([Change(slopes)] if len(slopes) else [], every)(residual[None])
+        test = self.at_fit(fit).test_of([Change(slopes)] if len(slopes) else [], every)
+        scores = test(residual[None])
         return float(scores.log_evidence[0] + np.sum(scores.log_bayes[:, 0]))
 
     def best_on_site(self, fit: Fit, label: str) -> Member | None:
         """Return the member of a label on the site that scores most beside a fit, None if none."""
-        log_bayes = self.log_bayes(self.residual(fit.motion, fit.values)[None])[:, 0]
+        residual = self.residual(fit.motion, fit.values)[None]
+        log_bayes = self.at_fit(fit).log_bayes(residual)[:, 0]
         pairs = [
             (value, member)
             for value, member in zip(log_bayes, self.members, strict=True)
@@ -414,10 +481,11 @@ class SiteScores:
         """Return the effect of a member at its most probable strengths beside a fit."""
         blasts = list(member.blasts)
         residual = self.residual(fit.motion, fit.values)[None, blasts]
-        return member.at(self.test_of([member.change], blasts)(residual).strength[0][:, 0])
+        test = self.at_fit(fit).test_of([member.change], blasts)
+        return member.at(test(residual).strength[0][:, 0])
 
-    def best_of(self, effects: Sequence[Effect], fit: Fit) -> Effect | None:
-        """Return which of several effects on the site scores most beside a fit.
+    def best_of(self, effects: Sequence[Effect], fit: Fit) -> tuple[Effect, float] | None:
+        """Return which of several effects on the site scores most beside a fit, and its score.
 
         None if none is possible.
         """
@@ -430,8 +498,9 @@ class SiteScores:
         if not pairs:
             return None
         residual = self.residual(fit.motion, fit.values)[None, list(blasts)]
-        scores = self.test_of([change for _, change in pairs], blasts)(residual)
-        return pairs[int(np.argmax(scores.log_bayes[:, 0]))][0]
+        scores = self.at_fit(fit).test_of([change for _, change in pairs], blasts)(residual)
+        best = int(np.argmax(scores.log_bayes[:, 0]))
+        return pairs[best][0], float(scores.log_bayes[best, 0])
 
     @cached_property
     def at(self) -> tuple[float, float, float]:

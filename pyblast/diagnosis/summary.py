@@ -18,10 +18,9 @@ from .effects import PredictionScene, Scene, with_motion_effects
 from .forward import surface_speed
 from .hypotheses import LIBRARY, blast_and_hole, untestable_labels
 from .mistakes import Mistake
-from .null_distribution import NullDistribution
 from .scores import detection_limits
 from .search import Search, means, worst
-from .thresholds import DECISIVE, DETECTABLE, MATERIAL, RESOLVED
+from .thresholds import DECISIVE, MATERIAL, RESOLVED
 from .trusted_shots import explained
 
 UNSURE = "CLASS", "PARTIAL", "UNKNOWN", "MISTAKE"  # outcomes on which a prediction should not rely
@@ -32,7 +31,6 @@ NEARLY = 0.9  # of the largest stack, above which a point is as good
 
 def summarise(
     search: Search,
-    null: NullDistribution | None,
     decision: Decision,
     mistakes: Sequence[Mistake] = (),
 ) -> dict:
@@ -41,8 +39,6 @@ def summarise(
     Parameters
     ----------
     search : Search
-    null : NullDistribution or None
-        None if no effect was tried.
     decision : Decision
     mistakes : sequence of Mistake
     """
@@ -66,7 +62,7 @@ def summarise(
         "detection_limits": limits,
         "located": located,
         "remainder": remainder,
-        "evidence": _evidence(search, null, decision),
+        "evidence": _evidence(search, decision),
         "held_out": _held_out(decision.cross_validation),
         "mesh_error": {
             "energy_share": None if FINER_MESH in scene.failures else round(float(mesh_energy), 4),
@@ -105,16 +101,11 @@ def not_computed(failures: Mapping) -> list[dict]:
 
 
 def known_so_far(search: Search) -> dict:
-    """Return what an unfinished search knows: fits, screening, what could not be tested."""
+    """Return what an unfinished search knows: fits, scores, what could not be tested."""
     return {
         "largest_chi_square": round(worst(search.without_effects.chi_square), 2),
         "calibration": _calibration(search.scene.baseline, search.without_effects),
         "fitted": _ranking(search),
-        "screened": [
-            {"label": result.effect.label, "target": result.effect.target,
-             "explained_share": round(result.share, 3)}
-            for result in search.screening
-        ],
         "scores": _one_digit(search.classes()),
         "not_testable": _not_testable(search),
         "runs": search.scene.forward.runs,
@@ -158,7 +149,7 @@ def summary_lines(summary: Mapping) -> list[str]:
         lines.append(f"  best candidate, not accepted: {', '.join(evidence['best_labels'])}")
     if evidence["delta_ln_evidence"] is not None:
         lines.append(
-            f"  Δ ln evidence {evidence['delta_ln_evidence']}; null threshold "
+            f"  Δ ln evidence {evidence['delta_ln_evidence']}; threshold "
             f"{evidence['null_threshold']}"
         )
     if tested is not None and tested["subsets"]:
@@ -168,8 +159,6 @@ def summary_lines(summary: Mapping) -> list[str]:
         lines.append("  no record could be held out to test it")
     if not summary["finished"]:
         lines.append("  the budget of runs ended before all effects were tried")
-    if summary["effects"] and not exceeds_double_error(summary):
-        lines.append("  model errors twice as large would explain it, too")
     return [*lines, f"  next: {summary['next_measurement']}"]
 
 
@@ -182,67 +171,29 @@ def acts(summary: Mapping) -> list[str]:
     ]
 
 
-def exceeds_double_error(summary: Mapping) -> bool:
-    """Tell whether the answer would stay if model errors were twice as large.
-
-    Something would be missing, or the best effects would still have the evidence that is required.
-    """
-    evidence = summary["evidence"]
-    gain = evidence["delta_ln_evidence_at_double_error"]
-    if evidence["scores"]:
-        return True  # the level of the error is learned, whatever it is
-    required = max(DECISIVE, evidence["null_threshold"] or 0.0)
-    missing = evidence["chi_square_at_double_error"] >= MATERIAL
-    return missing or (gain is not None and gain >= required)
-
-
-def _evidence(search, null, decision):
-    """Return the evidence of the best effects, the null threshold and all fits, as a table."""
-    ranked = search.ranked()
+def _evidence(search, decision):
+    """Return the evidence of the best effects, the thresholds and all fits, as a table."""
+    ranked, scores = search.ranked(), search.scores
     best = decision.best or next(iter(ranked), None)
-    effects, scores = () if best is None else best.effects, search.scores
-    likelihood = search.scene.baseline.likelihood
-    doubled = likelihood.at_double_error(search.without_effects.chi_square)
     return {
         "definition": "delta_ln_evidence: log Bayes factor over the calibrated model",
         "delta_ln_evidence": None if best is None else round(search.delta_ln_evidence(best), 1),
         "best_labels": [] if best is None else list(best.labels),
-        "null_threshold": _null_threshold(null, scores, effects),
+        "null_threshold": None if scores is None else round(scores.threshold, 1),
         "thresholds": {} if scores is None else _one_digit(scores.thresholds),
         "scores": _one_digit(search.classes()),
         "error_levels": {}
         if scores is None
         else dict(zip(("scatter", "transfer", "nuisances"), scores.at, strict=True)),
-        "null_threshold_interval": None if null is None else null.threshold_interval(effects),
         "explained_share": round(decision.explained_share, 3),
-        "chi_square_at_double_error": round(worst(doubled), 2),
-        "delta_ln_evidence_at_double_error": _at_double_error(search, best),
         "ranking": _ranking(search),
         "probability": decision.probability,
     }
 
 
-def _null_threshold(null, scores, effects):
-    """Return the Δ ln evidence that effects must exceed, None if no effect was tried."""
-    if scores is not None:
-        return round(scores.threshold, 1)
-    return None if null is None else round(null.threshold(effects), 1)
-
-
 def _one_digit(table):
     """Return log Bayes factors with one digit."""
     return {key: round(value, 1) for key, value in table.items()}
-
-
-def _at_double_error(search, fit):
-    """Return the Δ ln evidence of a fit if model errors were twice as large, None without one."""
-    if fit is None:
-        return None
-    likelihood, without = search.scene.baseline.likelihood, search.without_effects
-    doubled = [likelihood.at_double_error(each.chi_square) for each in (without, fit)]
-    before, after = map(likelihood.misfit_of, doubled)
-    lost = 0.5 * (without.misfit - fit.misfit - before + after)
-    return round(float(search.delta_ln_evidence(fit) - lost), 1)
 
 
 def _ranking(search):
@@ -302,18 +253,14 @@ def _mean(shares):
 
 
 def _not_testable(search):
-    """Return the labels that the records cannot test, or not detect, with the reason.
+    """Return the labels that the records cannot test, with the reason.
 
     First those that they cannot test whatever they contain, which is known before the search. Of
     other labels, ``targets`` could not be simulated; there are none where the whole label is meant.
     """
-    likelihood, lengths, case = search.scene.baseline.likelihood, {}, search.scene.case
+    case = search.scene.case
     reasons = untestable_labels(case)
     rows = [{"label": label, "targets": [], "reason": why} for label, why in reasons.items()]
-    for result in search.screening:
-        chi_square = likelihood.chi_square(likelihood.whiten(result.change))
-        length = float(np.sqrt(np.sum(likelihood.n_effective * chi_square)))
-        lengths[result.effect.label] = max(lengths.get(result.effect.label, 0.0), length)
     for label in dict.fromkeys(hypothesis.label for hypothesis in LIBRARY.values()):
         forms = [form for form in LIBRARY.values() if form.label == label]
         if label in reasons:
@@ -330,30 +277,21 @@ def _not_testable(search):
             {"label": label, "targets": [] if whole else targets, "reason": reason}
             for reason, targets in failed.items()
         ]
-        reason = "" if whole else _not_detected(search, forms, lengths.get(label))
+        reason = "" if whole else _not_scored(search, label)
         if reason:
             rows.append({"label": label, "targets": [], "reason": reason})
     return rows
 
 
-def _not_detected(search, forms, length):
-    """Return why an effect that can be simulated is not detected; empty if it could be."""
-    if search.scores is not None:
-        simulated = {member.label for member in search.scores.members}
-        if forms[0].label in simulated.union(*(fit.labels for fit in search.fits)):
-            return ""
-        ended = "the budget of runs ended before it was tried"
-        return "it is impossible at this site, or changes no record" if search.finished else ended
-    if search.fits and all(form.on == "site" for form in forms) and length is None:
-        ended = "the budget of runs ended before it was tried"
-        return "it is impossible at this site" if search.finished else ended
-    if length is not None and length < DETECTABLE:
-        return (
-            f"at its usual strength it changes these records by {length:.1f} standard "
-            f"deviations, and {DETECTABLE:g} are needed: fire larger charges, or place "
-            "receivers nearer"
-        )
-    return ""
+def _not_scored(search, label):
+    """Return why a label that can be simulated has no score; empty if it has one, or none has."""
+    if search.scores is None:
+        return ""
+    scored = {member.label for member in search.scores.members}
+    if label in scored.union(*(fit.labels for fit in search.fits)):
+        return ""
+    ended = "the budget of runs ended before it was tried"
+    return "it is impossible at this site, or changes no record" if search.finished else ended
 
 
 def _next_measurement(search, decision, remainder):

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 
 import numpy as np
@@ -273,6 +273,22 @@ class RecordBlocks:
         """Return the covariance of the records of some blasts."""
         parts = (getattr(self, each.name)[list(blasts)] for each in fields(self))
         return RecordBlocks(*parts)
+
+    def beside(self, change, band: Band, share: float) -> "RecordBlocks":
+        """Return the covariance with an error of a change of motion, a share of its energy.
+
+        Parameters
+        ----------
+        change : (n_blasts, n_receivers, 3, n_samples) float64, m/s
+        band : Band
+        share : float
+        """
+        errors = _of_energy(scattering(change, band), np.sum(band.project(change) ** 2, axis=-1))
+        n, noise = errors.shape[-1], self.noise.copy()
+        for c in range(3):
+            each = slice(c * n, (c + 1) * n)
+            noise[..., each, each] += share * errors[:, :, c]
+        return replace(self, noise=noise)
 
     def draws(self, rng: np.random.Generator, n: int, scatter: float) -> np.ndarray:
         """Draw errors of noise and scattering (n, n_blasts, n_receivers, 3 n_functions), m/s."""

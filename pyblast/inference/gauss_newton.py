@@ -57,7 +57,7 @@ class LeastSquares:
     simulate: Callable
     jacobian: Callable | None = None
     residual: Callable = lambda simulated: simulated
-    whiten: Callable = lambda change: change
+    whiten: Callable | None = None
     misfit: Callable = _squares
     weights: Callable = lambda residual: np.ones(residual.shape[:-1])
     mean: np.ndarray | float = 0.0
@@ -73,9 +73,16 @@ class LeastSquares:
         prior = np.sum(self.precision * (x - self.mean) ** 2)
         return float(self.misfit(self.residual(simulated)) + prior)
 
+    def change(self, before, after):
+        """Return the change between two simulations of what the Jacobian differentiates."""
+        if self.whiten is None:
+            before, after = self.residual(before), self.residual(after)
+        return after - before
+
     def normal_equations(self, x, simulated, jacobian) -> tuple[np.ndarray, np.ndarray]:
         """Return half the gradient (n,) and half the Gauss-Newton Hessian (n, n)."""
-        residual, rows = self.residual(simulated), self.whiten(jacobian)
+        residual = self.residual(simulated)
+        rows = jacobian if self.whiten is None else self.whiten(jacobian)
         return normal_equations(
             rows, residual, self.weights(residual), self.precision,
             self.precision * (x - self.mean),
@@ -214,15 +221,16 @@ def gauss_newton(
             continue
         before, gain = now.objective, -np.inf
         for shortening in SHORTER ** np.arange(1 + backtracks):
-            trial = problem.simulate(now.x + shortening * step)
-            gain = before - problem.objective(now.x + shortening * step, trial)
+            moved = shortening * step
+            trial = problem.simulate(now.x + moved)
+            gain = before - problem.objective(now.x + moved, trial)
             if broyden and now.jacobian is not None and np.isfinite(gain):
-                missed = trial - now.simulated - np.tensordot(step, now.jacobian, 1)
-                now.jacobian = now.jacobian + np.multiply.outer(step / (step @ step), missed)
+                missed = problem.change(now.simulated, trial) - np.tensordot(moved, now.jacobian, 1)
+                now.jacobian = now.jacobian + np.multiply.outer(moved / (moved @ moved), missed)
             if gain > 0.0:
                 break
         if gain > 0.0:
-            now.x, now.simulated = now.x + shortening * step, trial
+            now.x, now.simulated = now.x + moved, trial
             now.objective, now.fresh = before - gain, False
             damping *= LESS if gain > GOOD * now.decrease else 1.0
             accepted()

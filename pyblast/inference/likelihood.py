@@ -156,10 +156,6 @@ class Likelihood:
         """Return the reduced chi-square of each record, (..., n_blasts, n_receivers)."""
         return np.sum(white**2, axis=-1) / np.maximum(self.n_data, 1)
 
-    def at_double_error(self, chi_square) -> np.ndarray:
-        """Return reduced chi-squares as they are at twice the model error."""
-        return chi_square / (self.noise_share + 4.0 * (1.0 - self.noise_share))
-
     def misfit(self, white, blasts=None):
         """Return -2 ln L of a whitened residual, of some blasts if indices are given."""
         return self.misfit_of(self.chi_square(white), blasts)

@@ -15,8 +15,8 @@ from ..diagnosis.decision import (
 )
 from ..diagnosis.fitting import Fit
 from ..diagnosis.hypotheses import LIBRARY
-from ..diagnosis.search import means
-from ..diagnosis.summary import acts, exceeds_double_error, not_computed, summary_lines
+from ..diagnosis.search import material, means
+from ..diagnosis.summary import acts, not_computed, summary_lines
 from ..diagnosis.thresholds import (
     DECISIVE,
     FAR_FROM_PRIOR,
@@ -103,7 +103,6 @@ def _parts(diagnosis, summary, failures):
         "lead": lambda: lead(diagnosis, summary),
         "mistakes": lambda: acts(summary),
         "ranking": lambda: ranking_rows(diagnosis),
-        "screened": lambda: screened_rows(diagnosis, summary),
         "scored": lambda: score_rows(summary),
         "detection_limits": lambda: detection_limit_rows(summary),
         "required": lambda: required_evidence(summary),
@@ -161,7 +160,7 @@ def lead(diagnosis: Diagnosis, summary: dict) -> str:
         return f"Something is missing{_near(summary['located'])}, and {_why_not(summary)}."
     sentences = [f"{claim} ({label})." for label, claim in claims(decision.fit)]
     basis = f"This explains {share(summary)} of the misfit that exceeds noise and model error, "
-    if diagnosis.search.scores is not None:
+    if not material(diagnosis.search.without_effects.chi_square):
         basis = "The misfit is small, but more than the learned error of this site explains, "
     if summary["held_out"]["subsets"]:
         basis += "and it predicts held-out records."
@@ -182,11 +181,6 @@ def lead(diagnosis: Diagnosis, summary: dict) -> str:
         basis += f" But something else is missing{_near(summary['remainder'])}."
     elif outcome == "PARTIAL" and not summary["finished"]:
         basis += " But the budget of runs ended before all other effects were tried."
-    if not exceeds_double_error(summary):
-        basis += (
-            " Errors of speeds, coordinates and ground twice as large as assumed below would "
-            "explain it, too."
-        )
     return " ".join([*sentences, basis])
 
 
@@ -320,23 +314,6 @@ def _name(fit, others):
     return f"{name(fit)} ({forms})" if alike else name(fit)
 
 
-def screened_rows(diagnosis: Diagnosis, summary: dict) -> list[str]:
-    """Return the effects that screening shows to be too weak to be fitted, with their shares.
-
-    Without those that could not be tested.
-    """
-    fitted = {label for fit in diagnosis.search.fits for label in fit.labels}
-    fitted |= {row["label"] for row in summary["not_testable"] if not row["targets"]}
-    best = {}
-    for result in diagnosis.search.screening:  # best first
-        if result.effect.label not in fitted:
-            best.setdefault(result.effect.label, result)
-    return [
-        f"{label} ({100.0 * max(r.share, 0.0):.0f} % at {r.effect.target or 'the whole site'})"
-        for label, r in best.items()
-    ]
-
-
 def score_rows(summary: dict) -> list[str]:
     """Return the score of each label that was not fitted, best first."""
     fitted = {label for row in summary["evidence"]["ranking"] for label in row["labels"]}
@@ -463,10 +440,10 @@ def assumptions(diagnosis: Diagnosis, summary: dict) -> list[str]:
         "coordinates, clocks and small heterogeneity, and "
         f"{100 * MESH_SHARE:g} % of the energy that a finer mesh changes; it may be a few times "
         "larger. Noise is estimated from the windows before the blasts.",
-        "Where the mean square misfit of every receiver and every blast is below "
-        f"{MATERIAL:g} times noise and this error, every effect is scored under an error whose "
-        "level is learned from the records; receivers repeat a part of it in all blasts. "
-        f"Nothing ends as NULL beside a calibrated value beyond {FAR_OFF:g} prior deviations.",
+        "Every effect is scored under an error whose level is learned from the records; receivers "
+        "repeat a part of it in all blasts. Where nothing scores, the outcome is NULL only if the "
+        f"mean square misfit of every receiver and every blast is below {MATERIAL:g} times noise "
+        f"and the model error, and no calibrated value lies beyond {FAR_OFF:g} prior deviations.",
         f"The ground is made of {elements_of(case.project)}{finer}.",
         "Attenuation of the reference site: "
         + ("none." if quality is None else f"Qp {quality[0]:g}, Qs {quality[1]:g}."),
@@ -555,13 +532,11 @@ def _rank_figures(diagnosis, summary):
     yield (
         "Evidence",
         "Δ ln evidence (log Bayes factor) of each effect over the calibrated site; 2.3 make it ten "
-        "times as likely. The line is the required value: the null threshold, which is the 95 % "
-        "quantile of the largest evidence in permuted residuals; the band is its 90 % interval. "
-        "Orange: effects on which the outcome is based.",
+        "times as likely. The line is the required value, the threshold of this site. Orange: "
+        "effects on which the outcome is based.",
         lambda: ranking_figure(
             [(row["name"], row["delta_ln_evidence"]) for row in rows],
             required_evidence(summary),
-            summary["evidence"]["null_threshold_interval"],
             {n for n, row in enumerate(rows) if row["chosen"]},
         ),
     )

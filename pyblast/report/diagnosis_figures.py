@@ -56,8 +56,8 @@ def fits_shown(diagnosis: Diagnosis) -> dict[str, Fit]:
     return fits | {AFTER: decided} if decided.effects else fits
 
 
-def ranking_figure(rows, threshold, interval, chosen=()):
-    """Draw the evidence of each effect beside the null threshold.
+def ranking_figure(rows, threshold, chosen=()):
+    """Draw the evidence of each effect beside the threshold.
 
     Parameters
     ----------
@@ -65,8 +65,6 @@ def ranking_figure(rows, threshold, interval, chosen=()):
         Name and Δ ln evidence, best first.
     threshold : float
         Required Δ ln evidence.
-    interval : tuple of 2 float or None
-        90 % interval of the null threshold.
     chosen : collection of int
         Rows on which the decision is based.
 
@@ -91,8 +89,6 @@ def ranking_figure(rows, threshold, interval, chosen=()):
             max(value, 0.0) + 0.012 * top, y, f"{value:.0f}", va="center", fontsize=8, color=INK,
             bbox={"fc": "white", "ec": "none", "pad": 0.6, "alpha": 0.85},
         )  # fmt: skip
-    if interval is not None:
-        axis.axvspan(*interval, color=FAULT, alpha=0.15, lw=0)
     axis.axvline(threshold, color=FAULT, lw=1.4, label=f"required: {threshold:.0f}")
     axis.set_yticks(height, [name for name, _ in rows], parse_math=False)
     axis.set_xlim(1.05 * lowest, 1.1 * top)

@@ -21,7 +21,6 @@ from ..diagnosis.effects import HOLES, Scene, effects_of, predict
 from ..diagnosis.fitting import fit_calibrated
 from ..diagnosis.forward import Forward, finer_mesh
 from ..diagnosis.mistakes import mistakes_of
-from ..diagnosis.null_distribution import NullDistribution, null_distribution
 from ..diagnosis.search import Search, search
 from ..diagnosis.summary import held_out_blasts, known_so_far, not_computed, summarise
 from ..errors import InputError, ReadError, contained
@@ -52,8 +51,6 @@ class Diagnosis:
     ----------
     scene : Scene
     search : Search
-    null : NullDistribution or None
-        None if there was nothing to search for, or effects were scored.
     decision : Decision
     summary : dict
         As in ``diagnosis.json``.
@@ -61,7 +58,6 @@ class Diagnosis:
 
     scene: Scene
     search: Search
-    null: NullDistribution | None
     decision: Decision
     summary: dict
 
@@ -91,7 +87,7 @@ def diagnose(
     budget : int
         Number of runs of one blast after which no further effect is tried.
     seed : int
-        Of the null distribution, or of the draws without an effect.
+        Of the draws without an effect.
     correct : bool
         Whether to mend mistakes in records and hole tables and go on. Otherwise a diagnosis with
         mistakes ends with them, as outcome ``MISTAKE``: the ground would be blamed for them.
@@ -135,14 +131,10 @@ def diagnose(
         done = Search(scene, budget, report, chosen, chosen=chosen)
     else:
         done = search(scene, budget, report, lambda state: known(known_so_far(state)), seed)
-    null = None
-    if done.fits and done.scores is None:
-        with contained(failures, "null threshold"):
-            null = null_distribution(scene, done.without_effects, done.screening, done.fits, seed)
     decision = undecided(done)
     with contained(failures, "decision"):
-        decision = replace(decision, outcome="MISTAKE") if wrong else decide(done, null, finer)
-    summary = summarise(done, null, decision, mistakes)
+        decision = replace(decision, outcome="MISTAKE") if wrong else decide(done, finer)
+    summary = summarise(done, decision, mistakes)
     with contained(failures, "held-out blasts"):
         summary |= {"held_out_blasts": held_out_blasts(everything, scene, decision)}
     summary |= {"not_computed": not_computed(failures)}
@@ -156,7 +148,7 @@ def diagnose(
         "corrected": correct,
         "finished": done.finished,
     }
-    return Diagnosis(scene, done, null, decision, plain(summary))
+    return Diagnosis(scene, done, decision, plain(summary))
 
 
 def prepared(
@@ -478,7 +470,7 @@ def diagnose_case(
     budget : int
         Number of runs of one blast after which no further effect is tried.
     seed : int
-        Of the null distribution, or of the draws without an effect.
+        Of the draws without an effect.
     correct : bool
         Whether to mend mistakes in the records and go on.
     executor : concurrent.futures.Executor, optional

@@ -9,11 +9,9 @@ from small_site import recorded, scene_of, small_site
 import pyblast.diagnosis.library  # noqa: F401  fills the library
 from pyblast.diagnosis.effects import Effect
 from pyblast.diagnosis.fitting import fit
-from pyblast.diagnosis.null_distribution import NullDistribution
 
 SLOW = Effect("clock_error", "R2", ((0.0,),))
 LOUD = Effect("misfire_or_charge_error/blast", "B1", ((1.0,),))
-NULL = NullDistribution(np.zeros((2, 200)), {})
 
 
 def late_and_loud(motion):

@@ -38,7 +38,7 @@ WORDS = {
     r"on paper": "in a Monte Carlo simulation",
     r"make(s)? up for": "compensate, trade off",
     r"worth": "evidence, log Bayes factor",
-    r"guess(es)?": "screening result",
+    r"guess(es)?": "estimate, starting value",
     r"fit_doubts|shape_beside": "findings, update_covariance",
     r"linear_zones": "tet4",
 }
@@ -59,8 +59,7 @@ NAMES = {
     "unknowns": "parameters",
     "Unknown": "Parameter",
     "Knob": "Parameter",
-    "chance": "null_distribution",
-    "Chance": "NullDistribution",
+    "chance": "threshold, draws",
     "visible": "detection_limit",
     "bare": "mesh_control",
     "settle": "fit_nuisance_parameters",

@@ -5,7 +5,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from small_fits import LOUD, NULL, fits
+from small_fits import LOUD, fits
 from small_site import BAND, BEFORE, DT, SAMPLES, recorded, small_site
 
 import pyblast.diagnosis.library  # noqa: F401  fills the library
@@ -145,10 +145,10 @@ def test_what_can_not_be_tested_is_never_named(monkeypatch, tried, outcome):
     here, none, _, _, both = fits()
     behind = both.log_evidence - 20.0  # of what can be tested it would be no rival
     other = replace(both, effects=(both.effects[0], DELAYS), log_evidence=behind)
-    found = Search(here, 400, lambda *_: None, none, [both, other][:tried], [], both)
-    assert decide(found, NULL).outcome == "COMPOSITE"
+    found = Search(here, 400, lambda *_: None, none, [both, other][:tried], both)
+    assert decide(found).outcome == "COMPOSITE"
     monkeypatch.setitem(LIBRARY, LOUD.name, untested)
-    decision = decide(found, NULL)
+    decision = decide(found)
 
     assert decision.outcome == outcome
     assert decision.rivals[2:] == (("delay_scatter",) if tried == 2 else ())

@@ -303,19 +303,18 @@ def test_two_candidates_need_two_names():
         with_candidates(SECOND, SECOND)
 
 
-def test_further_starts_are_tried_where_the_best_screened_target_is(monkeypatch):
-    best = Effect("topography", "N", ((8.0,), (0.0,), (10.0,), (0.0,)))
-    result, tried = module.ScreeningResult(best, 0.2, np.zeros(0), (0,)), []
+def test_further_starts_are_tried_where_the_best_target_is():
+    best = Effect("topography", "N", ((8.0,), (0.0,), (20.0,), (0.0,)))
+    tried = []
 
-    def screened(_, effect, __, blasts):
-        tried.append((effect.target, effect.values[1][0], blasts))
-        near = effect.values[1][0] == 20.0
-        return replace(result, effect=effect, share=0.6) if near else None
+    def best_of(effects, _):
+        tried.extend(effect.values[1][0] for effect in effects)
+        return effects[3], 30.0
 
-    there = SimpleNamespace(simulate=lambda *_: None)
-    none = SimpleNamespace(values=np.zeros(2))
-    monkeypatch.setattr(module, "_screening_result", screened)
-    found = module._from_further_starts(SimpleNamespace(scene=there, without_effects=none), result)
+    member = SimpleNamespace(blasts=(0, 2))
+    scores = SimpleNamespace(best_of=best_of, best_on_site=lambda *_: member, start=lambda *_: best)
+    (effect, blasts), score = module._start(SimpleNamespace(scores=scores), None, "topography", 9.0)
 
-    assert found.effect.values == ((8.0,), (20.0,), (10.0,), (0.0,))
-    assert tried == [("N", at, (0,)) for at in (-40.0, -20.0, 20.0, 40.0)]
+    assert effect.values == ((8.0,), (20.0,), (20.0,), (0.0,))
+    assert (blasts, score) == ((0, 2), 30.0)
+    assert tried == [0.0, -40.0, -20.0, 20.0, 40.0]

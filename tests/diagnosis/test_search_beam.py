@@ -20,20 +20,14 @@ def made(worth, *labels):
 def searched(monkeypatch, first, further):
     """Return what is chosen where single fits are as given, and further ones by their first."""
     none, asked = made(0.0), []
+    found = Search(None, 100, lambda *_: None, none, chosen=none)
 
     def quick(found, base):
         asked.append(base.labels)
         found.fits += further.get(base.labels[-1], []) if base.labels else first
 
-    scene = SimpleNamespace(case=SimpleNamespace(), forward=SimpleNamespace(runs=0))
-    monkeypatch.setattr(module, "fit_calibrated", lambda *_: none)
-    monkeypatch.setattr(module, "LIBRARY", {"": SimpleNamespace(untestable=lambda _: "")})
-    monkeypatch.setattr(module, "_fit_without_runs", quick)
-    monkeypatch.setattr(module, "_fit_by_runs", lambda *_: None)
-    monkeypatch.setattr(module, "_refit_around_leaders", lambda _: None)
-    monkeypatch.setattr(module, "screen", lambda _: [])
-    monkeypatch.setattr(module, "screen_again", lambda *_: [])
-    return module.search(scene, 100).chosen.labels, asked
+    monkeypatch.setattr(module, "_refit", quick)
+    return module.grown(found).chosen.labels, asked
 
 
 @pytest.mark.parametrize(("second", "chosen"), [(17.0, ("b", "d")), (13.0, ("a", "c"))])
@@ -44,10 +38,10 @@ def test_the_second_of_two_that_can_not_be_told_apart_goes_on_too(monkeypatch, s
     assert searched(monkeypatch, first, further)[0] == chosen
 
 
-def test_what_pays_nothing_alone_goes_nowhere(monkeypatch):
+def test_what_is_below_the_threshold_alone_goes_nowhere(monkeypatch):
     first = [made(8.0, "a"), made(5.0, "b")]
 
-    assert searched(monkeypatch, first, {})[1] == [(), ("a",)]
+    assert searched(monkeypatch, first, {})[1] == [()]
 
 
 def test_leaders_are_few_and_of_other_labels_each():

@@ -118,6 +118,7 @@ def test_loss_of_a_hole_is_counted_from_its_own_firing():
     fired = SimpleNamespace(
         config=SimpleNamespace(holes_inside=True, signature=None, blast=None), blast=blast,
         materials={"rock": SimpleNamespace(cs=1000.0)}, receivers=[],
+        inside=SimpleNamespace(moment_rate=None),
     )  # fmt: skip
     scene.case.project.of = lambda _: fired
 

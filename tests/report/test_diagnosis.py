@@ -15,8 +15,7 @@ from pyblast.diagnosis.cross_validation import held_out_prediction
 from pyblast.diagnosis.decision import Decision, decide
 from pyblast.diagnosis.effects import Effect
 from pyblast.diagnosis.fitting import fit
-from pyblast.diagnosis.null_distribution import NullDistribution
-from pyblast.diagnosis.search import ScreeningResult, Search
+from pyblast.diagnosis.search import Search
 from pyblast.diagnosis.summary import summarise, summary_lines
 from pyblast.diagnosis.thresholds import DECISIVE, REMAINS
 from pyblast.report.diagnosis import (
@@ -25,13 +24,11 @@ from pyblast.report.diagnosis import (
     lead,
     render_diagnosis,
     score_rows,
-    screened_rows,
     usual,
 )
 
 SLOW = Effect("clock_error", "R2", ((0.0,),))
 DELAYS = Effect("delay_scatter", "B1", ((0.0, 0.0, 0.0),))
-NULL = NullDistribution(np.linspace([-4.0, -4.0], 9.0, 200, axis=1), {})
 NOTES = {
     "case": "pit <3>", "runs": 11, "wall_s": 2.5, "kept_runs": 0, "kept_s": 0.0, "seed": 1,
     "budget": 400, "finished": True, "provenance": {"pyblast": "0"},
@@ -66,18 +63,17 @@ def made(outcome):
     here = scene()
     none = fit(here, ())
     fits = [fit(here, (one,)) for one in (SLOW, DELAYS)]
-    found = Search(here, 400, lambda *_: None, none, fits, [], fits[0])
-    decision = decide(found, NULL)
+    found = Search(here, 400, lambda *_: None, none, fits, fits[0])
+    decision = decide(found)
     if outcome == "CLASS":
         rivals = ("delay_scatter", "clock_error")
         decision = replace(decision, outcome=outcome, fit=fits[1], rivals=rivals)
     if outcome == "UNKNOWN":
         decision = replace(decision, outcome=outcome, fit=none, rivals=())
     if outcome == "NULL":
-        found = Search(here, 400, lambda *_: None, none, [], [], none)
+        found = Search(here, 400, lambda *_: None, none, [], none)
         decision = Decision(outcome, none, (), {"none": 1.0}, 0.0, None)
-    shuffled = None if outcome == "NULL" else NULL
-    return Made(here, found, decision), summarise(found, shuffled, decision) | NOTES
+    return Made(here, found, decision), summarise(found, decision) | NOTES
 
 
 @cache
@@ -141,7 +137,7 @@ def test_where_no_effect_pays_the_next_receivers_belong_where_most_is_missing():
     decision = replace(found.decision, rivals=())
 
     assert poor.delta_ln_evidence(poor.fits[0]) < DECISIVE
-    words = summarise(poor, NULL, decision)["next_measurement"]
+    words = summarise(poor, decision)["next_measurement"]
     assert words == "more receivers around R2, and a shot from another side"
 
 
@@ -207,35 +203,6 @@ def test_what_no_record_was_left_out_for_is_not_said_to_foretell():
     assert "predicts" not in told
 
 
-@pytest.mark.parametrize(("gain", "blamed"), [(3.0, True), (60.0, False)])
-def test_twice_the_error_is_blamed_only_where_the_evidence_would_not_suffice(gain, blamed):
-    found, summary = made("NAMED")
-    doubled = {"chi_square_at_double_error": 1.2, "delta_ln_evidence_at_double_error": gain}
-    summary = summary | {"evidence": summary["evidence"] | doubled}
-
-    assert ("twice as large" in lead(found, summary)) == blamed
-    assert any("twice as large" in line for line in summary_lines(summary)) == blamed
-
-
-def test_the_evidence_at_twice_the_error_is_less_and_that_of_a_clear_effect_suffices():
-    evidence = made("NAMED")[1]["evidence"]
-
-    gain = evidence["delta_ln_evidence_at_double_error"]
-    assert DECISIVE < gain < evidence["delta_ln_evidence"]
-
-
-def test_what_could_not_be_tested_is_not_called_screened():
-    found, summary = made("NAMED")
-    soft = Effect("soft_surface_layer", "", ((5.0,), (0.4,)))
-    motion = found.search.without_effects.motion
-    result = ScreeningResult(soft, 0.02, 1e-9 * motion, (0,))
-    found = replace(found, search=replace(found.search, screening=[result]))
-    row = {"label": soft.label, "targets": [], "reason": "too small"}
-
-    assert screened_rows(found, summary | {"not_testable": []})
-    assert not screened_rows(found, summary | {"not_testable": [row]})
-
-
 def test_names_that_users_give_are_escaped():
     assert "pit &lt;3&gt;" in page("NULL")
     assert "pit <3>" not in page("NULL")
@@ -267,7 +234,7 @@ def test_what_is_foretold_without_leaving_out_is_the_fit_itself():
     motion = held_out_prediction(here, found, nothing)
 
     whole = band.restore(band.project(found.motion))
-    assert np.max(np.abs(motion - whole)) < 0.01 * np.max(np.abs(whole))  # its last step
+    assert np.max(np.abs(motion - whole)) < 0.02 * np.max(np.abs(whole))  # its last step
 
 
 def test_what_is_left_out_is_foretold_as_well_as_its_fold_says():

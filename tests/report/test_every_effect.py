@@ -17,7 +17,6 @@ from pyblast.diagnosis.fitting import Fit
 from pyblast.diagnosis.forward import Forward
 from pyblast.diagnosis.hypotheses import LIBRARY
 from pyblast.diagnosis.library import geometry
-from pyblast.diagnosis.null_distribution import NullDistribution
 from pyblast.diagnosis.search import Search
 from pyblast.diagnosis.summary import summarise, summary_lines
 from pyblast.report.diagnosis import (
@@ -29,7 +28,6 @@ from pyblast.report.diagnosis import (
 )
 from pyblast.report.diagnosis_figures import drawn_planes, fault_outline
 
-NULL = NullDistribution(np.zeros((2, 200)), {})
 NOTES = {
     "case": "pit", "runs": 11, "wall_s": 2.5, "kept_runs": 0, "kept_s": 0.0, "seed": 1,
     "budget": 400, "finished": True, "provenance": {"pyblast": "0"},
@@ -94,7 +92,7 @@ def answer_with(scene, *effects):
     outcome = "COMPOSITE" if len(fit.labels) > 1 else "NAMED"
     tested = CrossValidation(())
     decision = Decision(outcome, fit, (), dict.fromkeys(fit.labels, 0.9), 0.9, tested, fit)
-    return Answer(found, decision), summarise(found, NULL, decision) | NOTES
+    return Answer(found, decision), summarise(found, decision) | NOTES
 
 
 @pytest.mark.parametrize("ground", GROUNDS)

@@ -512,7 +512,7 @@ def directions(case) -> tuple[str, ...]:
             "position", mean=0.0, sigma=30.0, unit="m", starts=(0.0,), low=-120.0, high=120.0
         ),
         Parameter(
-            "width", mean=10.0, sigma=0.6, unit="m", log=True, starts=(10.0,), low=2.0, high=60.0
+            "width", mean=10.0, sigma=0.6, unit="m", log=True, starts=(20.0,), low=2.0, high=60.0
         ),
         Parameter("turn", mean=0.0, sigma=0.25, unit="rad", starts=(0.0,), low=-0.8, high=0.8),
     ],
