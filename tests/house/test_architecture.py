@@ -12,15 +12,15 @@ ROOT = Path(__file__).parents[2]
 PACKAGE = ROOT / "pyblast"
 MODULES = sorted(PACKAGE.rglob("*.py"))
 FORTRAN = sorted((ROOT / "fortran").glob("*.f90"))
-MOST_MODULES = 151
-MOST_LINES_IN_ALL = 60_200
+MOST_MODULES = 148
+MOST_LINES_IN_ALL = 58_990
 MOST_IN_A_PACKAGE = 15  # to become 12
 MOST_LINES = 800  # an alarm: is there a second idea in the file?
 MOST_LINES_OF_A_SECOND_IDEA = (
     200  # definitions that the rest of a module does not use, or is used by
 )
 MOST_LINES_OF_A_FUNCTION = 60
-MOST_UNFORMATTED = 380
+MOST_UNFORMATTED = 354
 # From the ground up: a package imports only itself and what stands before it.
 PACKAGES = [
     "errors", "units", "readers", "core", "signals", "mesh", "recordings", "model", "blasts",
