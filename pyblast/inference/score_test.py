@@ -28,7 +28,7 @@ class ErrorLevels(NamedTuple):
         Factors on the prior standard deviations of nuisance parameters.
     """
 
-    scatter: tuple[float, ...] = (1e-3, 2.5e-3, 8e-3, 4e-2, 0.2, 1.0)
+    scatter: tuple[float, ...] = (5e-3, 2e-2, 8e-2, 0.3, 1.0)
     transfer: tuple[float, ...] = (2e-3, 1e-2, 5e-2, 0.3)
     nuisance: tuple[float, ...] = (1.0, 2.0)
 
