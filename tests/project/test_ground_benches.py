@@ -21,7 +21,7 @@ def test_the_example_has_planes_burdens_and_receivers_on_the_ground():
     found = checks.check(project, measure=False)
 
     (burden,) = (note for note in found.notes if note.startswith("Burden"))
-    assert "nearest bench face at its height: 5 to 5.8 m" in burden
+    assert "nearest bench face at its height: 4.27 to 6.53 m" in burden
     assert "D39" not in {finding.code for finding in found.findings}
     rows = {(row.name, row.quantity): row.built for row in found.ground_as_built}
     assert rows["F1", "mean lean of its facets, degrees"] < 1e-3
