@@ -205,7 +205,7 @@ def _errors(scores: SiteScores, rng):
     }  # fmt: skip
     half, calibrated = np.zeros(len(nuisances.groups)), 0
     for n, group in enumerate(nuisances.groups):
-        if group == "calibrated":
+        if group == "calibrated" and calibrated < len(baseline.parameters):
             speed = baseline.parameters[calibrated].name[-2:] in ("cp", "cs")
             half[n] = (SPEED if speed else STIFFNESS) / baseline.sigma[calibrated]
             calibrated += 1
