@@ -138,13 +138,14 @@ def _band(folder):
 def _misfit(recorded, predicted, folder):
     """Return the median over receivers of the energy of the difference over that of the record.
 
-    Records go through the low-pass of what enters, as those of the diagnosis do.
+    Of those that are predicted: not those near a source. Records go through the low-pass of what
+    enters, as those of the diagnosis do.
     """
     there, here = (read_stations(path) for path in (recorded, predicted))
     corner = load_project(folder).low_pass if folder.is_file() else None
     misfits = []
-    for name, one in there.items():
-        record = one.filtered_like(corner).seismogram
+    for name in there.keys() & here.keys():
+        record = there[name].filtered_like(corner).seismogram
         band = band_functions(len(record.velocity), record.dt, _band(folder))
         data, model = (v.T @ band.basis for v in (record.velocity, here[name].seismogram.velocity))
         misfits.append(np.sum((data - model) ** 2) / np.sum(data**2))
