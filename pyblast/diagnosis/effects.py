@@ -183,8 +183,9 @@ class Scene:
             for b in missing
             if (shape, b) not in self._corrections and (shape, b) not in controls
         }
-        for model in [*models.values(), *own.values()][:: max(len(missing), 1)]:
-            self._refuse_work(model)
+        for alike in (models, own):  # blasts share a ground
+            for model in list(alike.values())[:1]:
+                self._refuse_work(model)
         controls.update(own)
         return models, shape
 

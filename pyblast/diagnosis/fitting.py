@@ -253,25 +253,23 @@ class Fit:
         return tuple(dict.fromkeys(effect.label for effect in self.effects))
 
 
-def fit_partly(scene: Scene, effects, reference, blasts=None, n_last=0):
-    """Fit the calibrated parameters beside effects, or those of the last ``n_last`` effects alone.
+def fit_last(scene: Scene, effects, reference):
+    """Fit the parameters of the last effect alone.
 
     Returns
     -------
     objective : float
-        Misfit of the blasts with that of the priors; infinite where an effect is impossible.
-    motion : (n_blasts, n_receivers, 3, n_samples) float64, m/s, or None
-    effects : tuple of Effect
+        Misfit with that of the priors; infinite where an effect is impossible.
+    effect : Effect
+        The last one, as it is fitted.
     """
-    fitter = Fitter(scene, effects, reference, blasts)
+    fitter = Fitter(scene, effects, reference)
     x = fitter.start()
     motion = fitter.motions([x])[0]
     if motion is None:
-        return np.inf, None, effects
-    n = len(effects)
-    free = fitter.belongs_to(range(n - n_last, n)) if n_last else ~fitter.belongs_to(range(n))
-    x, motion, *_ = fitter.minimise(x, motion, free)
-    return fitter.objective(x, motion), motion, fitter.state(x)[1]
+        return np.inf, effects[-1]
+    x, motion, *_ = fitter.minimise(x, motion, fitter.belongs_to([len(effects) - 1]))
+    return fitter.objective(x, motion), fitter.state(x)[1][-1]
 
 
 def fit(
@@ -373,14 +371,6 @@ def _wanted(fitter, rival):
     others = [b for b in range(len(rival.chi_square)) if b not in fitter.blasts]
     floor = fitter.likelihood.misfit_of(np.minimum(rival.chi_square, 1.0), others)
     return rival.misfit + rival.x @ rival.x - floor + 2.0 * CLEARLY
-
-
-def derivatives(scene: Scene, fit: Fit) -> np.ndarray:
-    """Return the derivatives of the motion by the standardised parameters of the effects of a fit.
-
-    (n, n_blasts, n_receivers, 3, n_functions) float64, m/s, in the band.
-    """
-    return unwhitened(scene.baseline.likelihood, fit.effect_jacobian)
 
 
 def unwhitened(likelihood, change) -> np.ndarray:

@@ -23,7 +23,7 @@ from ..inference.error_model import (
 from ..inference.score_test import AveragedError, Change, ScoreTest, detected_strength, draws
 from .case import Case
 from .effects import Effect, Scene, starting_effects
-from .fitting import Fit, derivatives
+from .fitting import Fit, unwhitened
 from .hypotheses import LIBRARY, Hypothesis, blast_and_hole
 from .thresholds import DRAWN_LEVEL, DRAWS, FARTHEST, IDEALISED, LEAST_SCORE, NUMERICAL
 
@@ -446,10 +446,13 @@ class SiteScores:
         baseline = self.scene.baseline
         return self.residual(baseline.motion, baseline.values)
 
+    def _members_beside(self, fit):
+        """Return the log Bayes factor (n_members, 1) of each member beside a fit."""
+        return self.at_fit(fit).log_bayes(self.residual(fit.motion, fit.values)[None])
+
     def beside(self, fit: Fit) -> dict[str, float]:
         """Return the score of each label beside a fit, best first."""
-        residual = self.residual(fit.motion, fit.values)[None]
-        by_class = self.by_class(self.at_fit(fit).log_bayes(residual))
+        by_class = self.by_class(self._members_beside(fit))
         scored = {label: float(value[0]) for label, value in by_class.items()}
         return dict(sorted(scored.items(), key=lambda pair: -pair[1]))
 
@@ -458,7 +461,7 @@ class SiteScores:
 
         Up to a constant of the records; theory.md (14.11).
         """
-        slopes = derivatives(self.scene, fit)
+        slopes = unwhitened(self.scene.baseline.likelihood, fit.effect_jacobian)
         residual = self.residual(fit.motion, fit.values)
         residual = residual + np.tensordot(fit.x[len(fit.values) :], slopes, 1)
         every = range(len(self.scene.case.blasts))
@@ -468,11 +471,9 @@ class SiteScores:
 
     def best_on_site(self, fit: Fit, label: str) -> Member | None:
         """Return the member of a label on the site that scores most beside a fit, None if none."""
-        residual = self.residual(fit.motion, fit.values)[None]
-        log_bayes = self.at_fit(fit).log_bayes(residual)[:, 0]
         pairs = [
             (value, member)
-            for value, member in zip(log_bayes, self.members, strict=True)
+            for (value,), member in zip(self._members_beside(fit), self.members, strict=True)
             if member.label == label and member.hypothesis.on == "site"
         ]
         return max(pairs, key=lambda pair: pair[0], default=(None, None))[1]

@@ -7,7 +7,7 @@ import numpy as np
 
 from ..errors import contained
 from .effects import Scene, starting_effects
-from .fitting import Fit, Fitter, fit, fit_calibrated, fit_partly
+from .fitting import Fit, Fitter, fit, fit_calibrated, fit_last
 from .hypotheses import LIBRARY
 from .scores import SiteScores, error_of, members_of
 from .thresholds import DECISIVE, LEAD, LEAST_SCORE, MATERIAL, MOST_EFFECTS, NOT_LINEAR, REFIT_GAIN
@@ -292,11 +292,11 @@ def _fit_without_runs(search, base, label):
         best = {}
         for target in hypothesis.targets(scene.case):
             trials = [
-                _fitted_partly(scene, (*before, effect), base.values, n_last=1)
+                _fitted_last(scene, (*before, effect), base.values)
                 for effect in starting_effects(hypothesis, target, scene)
             ]
-            reached, _, effects = min(trials, key=lambda trial: trial[0])
-            best[target] = objective - reached, effects[-1]
+            reached, fitted = min(trials, key=lambda trial: trial[0])
+            best[target] = objective - reached, fitted
         paying = [effect for decrease, effect in best.values() if decrease > 2.0 * DECISIVE]
         most = max(best.values(), key=lambda pair: pair[0], default=None)
         if most is None or most[0] <= 0.0 or (before and not paying):
@@ -309,11 +309,11 @@ def _fit_without_runs(search, base, label):
             search.add(fitted)
 
 
-def _fitted_partly(scene, effects, *values, **options):
-    """Return the result of `fit_partly`; that of an impossible effect where it fails."""
+def _fitted_last(scene, effects, reference):
+    """Return the result of `fit_last`; that of an impossible effect where it fails."""
     with scene.contained(effects):
-        return fit_partly(scene, effects, *values, **options)
-    return np.inf, None, effects
+        return fit_last(scene, effects, reference)
+    return np.inf, effects[-1]
 
 
 def _fitted(scene, effects, *values, **options):

@@ -187,19 +187,18 @@ class Likelihood:
             logsumexp([logsumexp(-0.5 * part) - np.log(3.0 * part.size) for part in thirds])
         )
 
-    def excess(self, chi_square, blasts=None) -> float:
+    def excess(self, chi_square) -> float:
         """Return the sum of chi-squares above one: what noise and model error do not explain.
 
         Records below one do not compensate for others.
         """
         each = np.maximum(chi_square - 1.0, 0.0)
-        return float(np.sum(each if blasts is None else each[list(blasts)]))
+        return float(np.sum(each))
 
-    def explained_share(self, before, after, blasts=None) -> float:
-        """Return the share of all excess that is gone with other chi-squares of some blasts."""
+    def explained_share(self, before, after) -> float:
+        """Return the share of all excess that is gone with other chi-squares."""
         total = self.excess(before)
-        gone = self.excess(before, blasts) - self.excess(after, blasts)
-        return gone / total if total > 0.0 else 0.0
+        return (total - self.excess(after)) / total if total > 0.0 else 0.0
 
 
 def effective_numbers(motion, dt) -> np.ndarray:

@@ -258,30 +258,32 @@ def cut_there(project, target, **_):
 
 
 OFFSET = Parameter("offset", mean=0.0, sigma=10.0, unit="m", starts=(0.0,), low=-40.0, high=40.0)
-STIFFNESSES = (
+STIFFNESSES = tuple(
     Parameter(
-        "kn",
-        mean=1e9,
+        name,
+        mean=mean,
         sigma=1.5,
         unit="Pa/m",
         log=True,
-        starts=(1e9,),
-        low=2e7,
-        high=5e10,
+        starts=(mean,),
+        low=low,
+        high=high,
         null=np.inf,
-    ),
-    Parameter(
-        "ks",
-        mean=4e8,
-        sigma=1.5,
-        unit="Pa/m",
-        log=True,
-        starts=(4e8,),
-        low=1e7,
-        high=2e10,
-        null=np.inf,
-    ),
+    )
+    for name, mean, low, high in (("kn", 1e9, 2e7, 5e10), ("ks", 4e8, 1e7, 2e10))
 )
+
+
+def offsets(*starts):
+    """Return the offsets of a place to the east and to the north, tried at starting values in m."""
+    return tuple(
+        Parameter(
+            name, mean=0.0, sigma=8.0, unit="m", starts=starts, low=-30.0, high=30.0, null=0.0
+        )
+        for name in ("east", "north")
+    )
+
+
 BOTH_SIDES = "receivers close to the plane on both sides, or a blast on its other side"
 
 

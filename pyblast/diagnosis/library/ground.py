@@ -33,7 +33,7 @@ from ..hypotheses import (
     unknown_quality,
     zones_of_constant_strain,
 )
-from .geometry import BOTH_SIDES, STIFFNESSES
+from .geometry import BOTH_SIDES, STIFFNESSES, offsets
 
 NONE = 1e-9  # a weakness without effect
 
@@ -434,14 +434,7 @@ def water_table(project, target, depth, faster):
     target="receiver",
     targets=receivers_with_space,
     axis="blasts",
-    parameters=[
-        Parameter(
-            "east", mean=0.0, sigma=8.0, unit="m", starts=(0.0,), low=-30.0, high=30.0, null=0.0
-        ),
-        Parameter(
-            "north", mean=0.0, sigma=8.0, unit="m", starts=(0.0,), low=-30.0, high=30.0, null=0.0
-        ),
-    ],
+    parameters=offsets(0.0),
     decided_by="a survey of the receiver",
     simulated=(space_around_receivers,),
 )

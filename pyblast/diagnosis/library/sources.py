@@ -16,6 +16,7 @@ from ..hypotheses import (
     known_source,
     superposed,
 )
+from .geometry import offsets
 
 
 @hypothesis(
@@ -178,28 +179,7 @@ def trigger_error(blast, target, shift):
     on="site",
     target="blast",
     axis="receivers",
-    parameters=[
-        Parameter(
-            "east",
-            mean=0.0,
-            sigma=8.0,
-            unit="m",
-            starts=(-6.0, 6.0),
-            low=-30.0,
-            high=30.0,
-            null=0.0,
-        ),
-        Parameter(
-            "north",
-            mean=0.0,
-            sigma=8.0,
-            unit="m",
-            starts=(-6.0, 6.0),
-            low=-30.0,
-            high=30.0,
-            null=0.0,
-        ),
-    ],
+    parameters=offsets(-6.0, 6.0),
     decided_by="a survey of the holes",
     odd=True,
     simulated=(holes_inside,),
