@@ -82,7 +82,7 @@ def _best_start(scene, hidden):
             for one in starting_effects(hypothesis, target, scene):
                 on_site = hypothesis.on == "site"
                 home = np.zeros(len(scene.baseline.values)) if on_site else scene.baseline.values
-                squares, _, effects = fit_partly(scene, (one,), home, n_last=0 if on_site else 1)
+                squares, effects = fit_partly(scene, (one,), home, n_last=0 if on_site else 1)
                 trials.append((squares, effects[-1]))
     return min(trials, key=lambda one: one[0], default=(None, None))[1]
 

@@ -253,23 +253,24 @@ class Fit:
         return tuple(dict.fromkeys(effect.label for effect in self.effects))
 
 
-def fit_last(scene: Scene, effects, reference):
-    """Fit the parameters of the last effect alone.
+def fit_partly(scene: Scene, effects, reference, n_last=0):
+    """Fit the calibrated parameters beside effects, or those of the last ``n_last`` effects alone.
 
     Returns
     -------
     objective : float
         Misfit with that of the priors; infinite where an effect is impossible.
-    effect : Effect
-        The last one, as it is fitted.
+    effects : tuple of Effect
     """
     fitter = Fitter(scene, effects, reference)
     x = fitter.start()
     motion = fitter.motions([x])[0]
     if motion is None:
-        return np.inf, effects[-1]
-    x, motion, *_ = fitter.minimise(x, motion, fitter.belongs_to([len(effects) - 1]))
-    return fitter.objective(x, motion), fitter.state(x)[1][-1]
+        return np.inf, effects
+    n = len(effects)
+    free = fitter.belongs_to(range(n - n_last, n)) if n_last else ~fitter.belongs_to(range(n))
+    x, motion, *_ = fitter.minimise(x, motion, free)
+    return fitter.objective(x, motion), fitter.state(x)[1]
 
 
 def fit(

@@ -7,7 +7,7 @@ import numpy as np
 
 from ..errors import contained
 from .effects import Scene, starting_effects
-from .fitting import Fit, Fitter, fit, fit_calibrated, fit_last
+from .fitting import Fit, Fitter, fit, fit_calibrated, fit_partly
 from .hypotheses import LIBRARY
 from .scores import SiteScores, error_of, members_of
 from .thresholds import DECISIVE, LEAD, LEAST_SCORE, MATERIAL, MOST_EFFECTS, NOT_LINEAR, REFIT_GAIN
@@ -310,9 +310,10 @@ def _fit_without_runs(search, base, label):
 
 
 def _fitted_last(scene, effects, reference):
-    """Return the result of `fit_last`; that of an impossible effect where it fails."""
+    """Return objective and the last effect, alone fitted; infinite where that fails."""
     with scene.contained(effects):
-        return fit_last(scene, effects, reference)
+        objective, effects = fit_partly(scene, effects, reference, n_last=1)
+        return objective, effects[-1]
     return np.inf, effects[-1]
 
 
