@@ -10,8 +10,8 @@ from .. import core
 from ..core import JOINT_LAWS
 from ..errors import SolverError
 from ..inference.covariance import SCATTER, error_columns, whitener
-from ..inference.error_model import scattering
 from ..inference.likelihood import signed_residuals
+from ..inference.nuisances import scattering
 from ..inference.records import Band, Noise
 from ..model.joint import FAILED, SLIP, STICKING_JOINTS
 from ..project.ground import joint_of_surface
