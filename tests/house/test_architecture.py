@@ -98,6 +98,7 @@ ORDER = [
     "solver",
     "border",
     "hdf5_arrays",
+    "model_arrays",
     "model_file",
     "model_checks",
     "pyblast_run",
