@@ -13,7 +13,7 @@ from ..errors import InputError, PyblastError, PyblastWarning, ReadError
 from ..readers.cells import decode_lines, read_bytes, read_columns, split_line, wanted_by
 from ..readers.provenance import ReadLog
 from ..readers.tables import read_table
-from ..recordings.pieces import Stretch, common_windows, stretches_of
+from ..recordings.pieces import Stretch, common_step, common_windows, stretches_of
 from ..recordings.raw import MAX_FILE_BYTES, clipped_samples, is_dead, uniform_step
 from ..recordings.recording import Gather, Recording, first_recording, read_gather, read_recording
 from ..recordings.seismic import quantity_of, read_traces, sniff_seismic
@@ -280,7 +280,7 @@ def _joined(single: list[FieldRecord], log: ReadLog) -> list[FieldRecord]:
             other = group[0].gather
             if (
                 abs(UTCDateTime(other.time) - begin) < 1.0
-                and abs(other.dt - record.gather.dt) <= 1e-9 * other.dt
+                and common_step([other.dt, record.gather.dt], other.data.shape[1]) is not None
                 and record.channels[0] not in [member.channels[0] for member in group]
             ):
                 group.append(record)

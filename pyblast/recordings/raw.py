@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.integrate import cumulative_simpson
 
 from ..errors import InputError, ReadError
 from ..readers.cells import NumberFormat, number, plain_word, unit_factor, unit_name
@@ -77,7 +78,7 @@ def velocity_factor(symbol: str, where: str) -> float:
 
 def quantity(text: str, where: str, unit: str = "") -> Printed | None:
     """Parse a quantity such as ``12.5 mm/s`` or ``>100 Hz`` into SI; None if not measured."""
-    if text.strip().lower() in ("", "n/a", "na", "-", "--", "---", "oorange"):
+    if text.strip().lower() in ("", "n/a", "na", "-", "--", "---", "oorange", "off", "none"):
         return None
     match = _QUANTITY.fullmatch(text.strip())
     if match is None:
@@ -136,6 +137,19 @@ def common_velocity_factor(symbols: list[str], where: str) -> float:
     if len({symbol.lower() for symbol in symbols}) > 1:
         raise InputError(f"{where}: components must share one unit, got {', '.join(symbols)}")
     return velocity_factor(symbols[0], where)
+
+
+def integrated_to_velocity(acceleration: np.ndarray, dt: float) -> tuple[np.ndarray, str]:
+    """Return the velocity (n_samples,) in m/s of an acceleration less its mean, and a note of it.
+
+    Parameters
+    ----------
+    acceleration : (n_samples,) float64, m/s2
+    dt : float, s
+    """
+    level = acceleration.mean()
+    velocity = cumulative_simpson(acceleration - level, dx=dt, initial=0.0)
+    return velocity, f"integrated from acceleration less its mean of {level:.3g} m/s2"
 
 
 TOLERANCE = 0.01
@@ -230,7 +244,9 @@ def _flat_tops(samples):
         return
     step = np.min(np.diff(values))
     for top in (values[-1], values[0]):
-        edges = np.flatnonzero(np.diff(np.concatenate([[0], (samples == top).astype(np.int8), [0]])))
+        edges = np.flatnonzero(
+            np.diff(np.concatenate([[0], (samples == top).astype(np.int8), [0]]))
+        )
         for first, last in zip(edges[::2], edges[1::2], strict=True):
             length, level = last - first, abs(float(top))
             if length < PLATEAU or level < max(32.0 * step, ONE_SIDED * np.max(np.abs(values))):
