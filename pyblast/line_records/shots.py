@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 from scipy import fft, signal
 
 from ..errors import InputError
-from ..recordings.raw import at_level, is_dead, plateau_level
+from ..recordings.raw import clipped_samples, is_dead
 from ..recordings.recording import Gather
 
 EDGE = 0.05
@@ -203,12 +203,9 @@ def dead_and_clipped(data: ArrayLike) -> tuple[EffectDecision, EffectDecision]:
     """
     data = np.asarray(data, dtype=float)
     dead = tuple(int(c) for c in np.flatnonzero([is_dead(samples) for samples in data]))
-    levels = [level for level in map(plateau_level, data) if level is not None]
-    marks = np.zeros(data.shape, bool)
-    for level in levels:
-        marks |= at_level(np.abs(data), level)
+    marks, top = clipped_samples(data)
     samples = tuple((int(c), int(n)) for c, n in np.argwhere(marks))
-    level = {"full_scale": (max(levels), min(levels), max(levels))} if levels else {}
+    level = {} if top is None else {"full_scale": (top, top, top)}
     return (
         EffectDecision(
             "NAMED" if samples else "NULL", "saturation",
