@@ -172,7 +172,7 @@ def centre(unit, information):
     return np.clip(0.5 + shrinkage @ (np.asarray(unit) - 0.5), 0.0, 1.0)
 
 
-def intervals(unit, information):
+def posterior_intervals(unit, information):
     """Return the 90 % posterior intervals, (n, 2) in the unit cube, clipped at its faces."""
     half, middle = NORMAL_95 * UNIFORM * information.ratios, centre(unit, information)
     return np.clip(np.stack([middle - half, middle + half], axis=-1), 0.0, 1.0)

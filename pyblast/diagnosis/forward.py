@@ -9,7 +9,7 @@ from scipy.interpolate import make_interp_spline
 
 from ..blasts.blast import Firing
 from ..errors import InputError
-from ..mesh.mesh import locate
+from ..mesh.mesh import locate_in_zones
 from ..model.model import Model, Receiver
 from ..project.elements import better_mesh, with_laws
 from ..project.flat_box import ground_materials
@@ -273,7 +273,7 @@ def surface_speed(project: Project) -> float:
     """Return the S-wave speed in m/s of the uppermost ground."""
     if project.config.mesh.layers:
         return project.materials[project.config.mesh.layers[0].material].cs
-    zone, _ = locate(project.mesh, [project.receivers[0].position])
+    zone, _ = locate_in_zones(project.mesh, [project.receivers[0].position])
     return project.materials[project.mesh.groups[int(project.mesh.zone_group[zone][0])]].cs
 
 
@@ -371,7 +371,7 @@ def probe_positions_inside(case: Case, receiver, offsets) -> list[np.ndarray] | 
             positions = [
                 np.subtract(on_ground(mesh, at[:2] + step), (0.0, 0.0, depth)) for step in grid
             ]
-        locate(mesh, positions)
+        locate_in_zones(mesh, positions)
     except InputError:
         return None
     return positions

@@ -198,7 +198,7 @@ class Trace:
         return int(np.argmin(self.misfits))
 
 
-class Search(Protocol):
+class SearchMethod(Protocol):
     """Search method: a function of a problem, a number of evaluations and a seed."""
 
     def __call__(self, problem: Problem, budget: int, seed: int) -> Trace:

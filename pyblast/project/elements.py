@@ -14,7 +14,7 @@ from ..mesh.gmsh import MeshingError
 from ..mesh.grid import SIDES
 from ..mesh.hexahedral import mapped, subdivided, swept
 from ..mesh.hexahedral.mapped import Builder, Fine, NotMapped
-from ..mesh.mesh import Mesh, edge_lengths
+from ..mesh.mesh import Mesh, zone_edge_lengths
 from ..mesh.quality import explicit_work
 from ..model.material import ConstantQ
 from ..readers.provenance import ReadLog
@@ -29,8 +29,8 @@ ORDER = 5  # in a plain grid
 ORDERS = (3, 4)  # tried first elsewhere; a node and step costs about the same in all
 PLAIN, CUT = "in a plain grid", "of tetrahedra cut"
 BUILDERS: dict[str, Builder] = {
-    "between the planes": mapped.build,
-    "swept along one direction": swept.build,
+    "between the planes": mapped.build_mapped,
+    "swept along one direction": swept.build_swept,
 }
 # Nodes per shortest S wavelength for an error of 1 % over three wavelengths, by order; the error
 # falls with the power below of their number: docs/quality/performance.md.
@@ -218,7 +218,7 @@ def _model_in(project, ground):
 
 def _widened(project, ground, asked, model, needed, build):
     """Return a ground whose open sides lie so far from the sources that these are injected."""
-    reach = RING * float(edge_lengths(ground.mesh).max())
+    reach = RING * float(zone_edge_lengths(ground.mesh).max())
     boxes = [_around(model.sources[number], reach) for number in needed]
     box = asked.box.copy()
     for number, side in enumerate(SIDES):
@@ -535,7 +535,7 @@ def _hexahedra(project, geometry, wave, lines=None):
                 yield work, how, mesh
 
     if mapped.is_plain(geometry):
-        trials = [*meshes(order or ORDER, {PLAIN: mapped.build})]
+        trials = [*meshes(order or ORDER, {PLAIN: mapped.build_mapped})]
     elif order:
         trials = [*meshes(order, BUILDERS)]
     else:
@@ -544,7 +544,7 @@ def _hexahedra(project, geometry, wave, lines=None):
             best = min(trials, key=lambda each: each[0])[2].order
             trials += meshes(best + (1 if best == max(ORDERS) else -1), BUILDERS)
     trials.sort(key=lambda each: each[0])
-    cut = {CUT: subdivided.build}
+    cut = {CUT: subdivided.build_subdivided}
     last = (each for factor in (1.0, 0.5) for each in meshes(order or ORDERS[0], cut, factor))
     for _, how, mesh in chain(trials, last):
         rows = as_built(mesh, geometry, wave, positions)
@@ -560,8 +560,9 @@ def _sentence(mesh, how, reasons):
     """Return what hexahedra a mesh has, and why they are not in a grid."""
     ends = "no absorbing layer" if mesh.layer is None else "an absorbing layer"
     why = f", because {'; '.join(reasons)}" if reasons else ""
+    longest = zone_edge_lengths(mesh).max()
     return (
-        f"hexahedra of order {mesh.order} {how}, edges up to {edge_lengths(mesh).max():.3g} m, "
+        f"hexahedra of order {mesh.order} {how}, edges up to {longest:.3g} m, "
         f"{ends}: {len(mesh.zones)} zones{why}"
     )
 

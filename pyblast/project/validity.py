@@ -7,7 +7,7 @@ import numpy as np
 from scipy.spatial import KDTree
 
 from ..errors import Finding, InputError
-from ..mesh.mesh import edge_lengths
+from ..mesh.mesh import zone_edge_lengths
 from ..signals.spectra import highest_frequency
 from ..units import plain_number
 from .inputs import LEAST_PEAK, NEARLY, held_shares, input_band, unfiltered
@@ -126,7 +126,7 @@ def _least(project: Project, zones, points):
     """Return the frequency in Hz that zones next to points carry, and which ground sets it."""
     model = project.model
     mesh, (_, zone) = model.mesh, zones.query(points)
-    edges = model.edges_per_wavelength * edge_lengths(mesh)[zone].mean(axis=1)
+    edges = model.edges_per_wavelength * zone_edge_lengths(mesh)[zone].mean(axis=1)
     speed, group = model.zone_values("cs")[zone], mesh.zone_group[zone]
     layers = project.config.mesh.layers
     height = {part.material: part.thickness_m for part in layers if part.thickness_m is not None}
@@ -225,8 +225,8 @@ def band_finding(project: Project, band: Band, seconds: float | None = None) -> 
         f"{100 * band.peak_share:.2g} % of the peak of what enters are in the run. '"
         f"{band.limited_by}' decides that.{_price(project, band, seconds)} Peaks are those of "
         f"motion below {plain_number(band.carried)} Hz; frequencies and limits are not compared.",
-        compared is None or NEARLY * compared[1] > band.carried,
-        {"carried": band.carried, "needed": band.needed, "energy": band.energy_share,
+        failed=compared is None or NEARLY * compared[1] > band.carried,
+        numbers={"carried": band.carried, "needed": band.needed, "energy": band.energy_share,
          "peak": band.peak_share},
     )  # fmt: skip
 

@@ -22,7 +22,7 @@ from ..diagnosis.fitting import fit_calibrated
 from ..diagnosis.forward import Forward
 from ..diagnosis.mistakes import mistakes_of
 from ..diagnosis.search import Search, search
-from ..diagnosis.summary import held_out_blasts, known_so_far, not_computed, summarise
+from ..diagnosis.summary import held_out_blasts, known_so_far, not_computed, summarise_diagnosis
 from ..errors import InputError, ReadError, contained
 from ..project.case_folder import case_files, read_case_folder
 from ..project.elements import better_mesh
@@ -135,7 +135,7 @@ def diagnose(
     decision = undecided(done)
     with contained(failures, "decision"):
         decision = replace(decision, outcome="MISTAKE") if wrong else decide(done, finer)
-    summary = summarise(done, decision, mistakes)
+    summary = summarise_diagnosis(done, decision, mistakes)
     with contained(failures, "held-out blasts"):
         summary |= {"held_out_blasts": held_out_blasts(everything, scene, decision)}
     summary |= {"not_computed": not_computed(failures)}

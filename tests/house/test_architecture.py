@@ -57,15 +57,12 @@ UNTYPED_PROJECT = {
     "project.places", "project.result",
     "project.surface", "report.diagnosis_figures",
 }  # fmt: skip
-# Public names that more than one module defines. The list only shrinks.
+# Functions that modules share by intent: of hexahedra and tetrahedra.
+ONE_INTERFACE = {"edge_lengths", "locate", "shape_slopes", "shape_values", "volumes"}
+# Other public names that more than one module defines. The list only shrinks.
 TWO_HOMES = {
-    "Band", "Cells", "Column", "Decision", "Diagnosis", "Fit", "Fitter", "Layout", "Plane",
-    "Search", "Spent", "Window", "air_blast", "band_of", "box_of", "build", "carried_frequency",
-    "check", "compare", "components", "diagnose", "edge_lengths", "elastic_ground",
-    "face_vectors", "gain", "geophone", "intervals", "kind_of", "listed", "locate", "merged",
-    "near_sources", "number", "peaks_of", "plain", "quality_of", "run", "scaled",
-    "shape_slopes", "shape_values", "share", "simulate", "smoothed", "stretches", "summarise",
-    "summary_lines", "superpose", "surface", "table_of", "volumes", "with_values",
+    "Band", "Column", "Fit", "Fitter", "Plane", "Spent", "Window", "band_of", "scaled", "simulate",
+    "table_of", "with_values",
 }  # fmt: skip
 ORDER = [
     "kinds",
@@ -101,6 +98,7 @@ ORDER = [
     "solver",
     "border",
     "hdf5_arrays",
+    "model_arrays",
     "model_file",
     "model_checks",
     "pyblast_run",
@@ -199,7 +197,7 @@ def test_simulating_loads_few_modules():
 
 def test_a_public_name_has_one_home():
     """A new function or class that has the name of another needs the name of its own idea."""
-    two = set(SOURCE.two_homes)
+    two = set(SOURCE.two_homes) - ONE_INTERFACE
 
     assert sorted(two - TWO_HOMES) == [], "give the new one a name that no other module defines"
     assert sorted(TWO_HOMES - two) == [], "has one home now: take it off the list TWO_HOMES"
