@@ -62,7 +62,7 @@ TWO_HOMES = {
     "Band", "Cells", "Column", "Decision", "Diagnosis", "Fit", "Fitter", "Layout", "Plane",
     "Search", "Spent", "Window", "air_blast", "band_of", "box_of", "build", "carried_frequency",
     "check", "compare", "components", "diagnose", "edge_lengths", "elastic_ground",
-    "face_vectors", "gain", "geophone", "intervals", "kind_of", "listed", "locate", "merged",
+    "face_vectors", "intervals", "kind_of", "listed", "locate", "merged",
     "near_sources", "number", "peaks_of", "plain", "quality_of", "run", "scaled",
     "shape_slopes", "shape_values", "share", "simulate", "smoothed", "stretches", "summarise",
     "summary_lines", "superpose", "surface", "table_of", "volumes", "with_values",
