@@ -9,8 +9,8 @@ import numpy as np
 import obspy
 from keeper import Sealed, folder_of_recordings, keep
 
-from pyblast.line_records.shots import Decision
-from pyblast.recordings.raw import at_level, is_dead, plateau_level
+from pyblast.line_records.shots import EffectDecision
+from pyblast.recordings.raw import clipped_samples, is_dead
 
 FULL_SCALE, DEAD = 2.82, [47, 58, 59]
 
@@ -21,15 +21,14 @@ def marks(data):
     A full scale found in one channel holds for all: they share a converter.
     """
     dead = np.flatnonzero([is_dead(samples) for samples in data]).tolist()
-    levels = [level for level in map(plateau_level, data) if level is not None]
-    at = np.any([np.zeros(data.shape, bool), *(at_level(np.abs(data), one) for one in levels)], 0)
+    at, level = clipped_samples(data)
     clipped = [tuple(pair) for pair in np.argwhere(at).tolist()]
-    scale = {"full_scale": (max(levels), min(levels), max(levels))} if levels else {}
+    scale = {} if level is None else {"full_scale": (level, level, level)}
     verdicts = (
-        Decision("NAMED" if clipped else "NULL", "saturation",
-                 f"{len(clipped)} samples stand at full scale", tuple(clipped), scale),
-        Decision("NAMED" if dead else "NULL", "dead_channel",
-                 f"{len(dead)} channels never move", tuple(dead)),
+        EffectDecision("NAMED" if clipped else "NULL", "saturation",
+                       f"{len(clipped)} samples stand at full scale", tuple(clipped), scale),
+        EffectDecision("NAMED" if dead else "NULL", "dead_channel",
+                       f"{len(dead)} channels never move", tuple(dead)),
     )  # fmt: skip
     return set(clipped), dead, verdicts
 

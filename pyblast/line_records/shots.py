@@ -14,7 +14,7 @@ EDGE = 0.05
 
 
 @dataclass(frozen=True, eq=False)
-class Shot:
+class ShotGather:
     """Shot: its motion at the usable receivers of a line, in the order of their positions.
 
     Parameters
@@ -43,7 +43,7 @@ class Shot:
         """Time of each sample, (n_samples,) s."""
         return self.start + self.dt * np.arange(self.motion.shape[1])
 
-    def banded(self, band: tuple[float, float]) -> "Shot":
+    def banded(self, band: tuple[float, float]) -> "ShotGather":
         """Band-pass without phase shift, after detrending and tapering."""
         if not 0.0 < band[0] < band[1] < 0.5 / self.dt:
             raise InputError(
@@ -54,7 +54,7 @@ class Shot:
         sos = signal.butter(4, band, "bandpass", fs=1.0 / self.dt, output="sos")
         return replace(self, motion=signal.sosfiltfilt(sos, motion, axis=1))
 
-    def only(self, receivers: slice | np.ndarray) -> "Shot":
+    def only(self, receivers: slice | np.ndarray) -> "ShotGather":
         """Select receivers by their order."""
         parts = (x[receivers] for x in (self.motion, self.places, self.offsets, self.channels))
         motion, places, offsets, channels = parts
@@ -66,7 +66,7 @@ def shot_of(
     places: ArrayLike | None = None,
     source: float | None = None,
     offsets: ArrayLike | None = None,
-) -> Shot:
+) -> ShotGather:
     """Turn a gather into a shot: its channels that are neither dead nor clipped, along the line.
 
     Parameters
@@ -84,7 +84,7 @@ def shot_of(
     order = usable[np.argsort(places[usable], kind="stable")]
     if not np.isfinite(places[order]).all() or not np.isfinite(offsets[order]).all():
         raise InputError(f"{gather.label}: the positions of its receivers are unknown; pass places")
-    return Shot(
+    return ShotGather(
         gather.data[order], places[order], source, offsets[order], gather.dt, gather.start, order
     )
 
@@ -117,7 +117,7 @@ NEEDED = 0.5  # of what an effect could explain of held-out records, for a name
 
 
 @dataclass(frozen=True)
-class Decision:
+class EffectDecision:
     """Decision of a test for one effect: outcome, location, size and significance.
 
     Parameters

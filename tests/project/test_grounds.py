@@ -12,7 +12,7 @@ from pyblast import simulate
 from pyblast.config.config import check_config
 from pyblast.mesh.gmsh import MeshingError
 from pyblast.mesh.hexahedral import swept
-from pyblast.mesh.mesh import locate
+from pyblast.mesh.mesh import locate_in_zones
 from pyblast.mesh.quality import explicit_work
 from pyblast.project import elements
 from pyblast.project.checks import check
@@ -203,7 +203,7 @@ def test_every_place_of_a_hill_has_its_height_on_cut_tetrahedra(ground):
     built = np.array([on_ground(mesh, at)[2] for at in plan])
     off = built - surface(plan)
     assert np.sqrt(np.mean(off**2)) < 0.02 * 1700 / 30
-    locate(mesh, np.column_stack([plan, built]), 1e-6)
+    locate_in_zones(mesh, np.column_stack([plan, built]), 1e-6)
 
 
 def test_a_candidate_that_fails_makes_room_for_the_next(ground, monkeypatch):
@@ -212,7 +212,7 @@ def test_a_candidate_that_fails_makes_room_for_the_next(ground, monkeypatch):
     assert "swept" in ground(**parts).ground.reason
 
     def pierced(*arguments):
-        mesh = swept.build(*arguments)
+        mesh = swept.build_swept(*arguments)
         outer = np.concatenate([faces.ravel() for faces in mesh.surfaces.values()])
         away = np.linalg.norm(mesh.points[mesh.zones].mean(axis=1) - [21, 43, 8], axis=1)
         keep = (away > 30.0) | np.isin(mesh.zones, outer).any(axis=1)

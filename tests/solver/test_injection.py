@@ -40,7 +40,7 @@ def box(centre, depth=180.0, sides=SIDES, layers=ROCKS):
     low = np.array([*centre, 0.0]) - [150.0, 150.0, depth]
     limits = np.column_stack([low, low + np.array([300.0, 300.0, depth])])
     geometry = Geometry(limits, layers, standing=frozenset(ALL) - set(sides))
-    return mapped.build(geometry, [EDGE] * len(layers), 4)
+    return mapped.build_mapped(geometry, [EDGE] * len(layers), 4)
 
 
 def model_of(sources, centre=(0.0, 0.0), receivers=POINTS, sides=SIDES, **other):
