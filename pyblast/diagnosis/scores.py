@@ -470,8 +470,8 @@ class SiteScores:
     def thresholds(self) -> dict[str, float]:
         """Least log Bayes factor of a class, by what asks for it."""
         drawn = self.error.draws(np.random.default_rng(self.seed), DRAWS, self.at)
-        left = UNCORRECTED * self.scene.case.band.project(self.scene.baseline.correction)
-        by_class = self.by_class(self.log_bayes(np.concatenate([drawn, [left, -left]])))
+        mesh = UNCORRECTED * self.scene.case.band.project(self.scene.baseline.correction)
+        by_class = self.by_class(self.log_bayes(np.concatenate([drawn, [mesh, -mesh]])))
         each = np.array([*by_class.values()]).reshape(-1, DRAWS + 2)
         largest = each.max(axis=0, initial=-np.finfo(float).max)
         return {

@@ -334,8 +334,8 @@ class ErrorModel:
                     root, gram[:n, n:] * scale[:, None], lower=True, check_finite=False
                 )
                 grown = 2.0 * np.sum(np.log(np.diag(root)))
-                left = gram[n:, n:] - across.T @ across
-                yield _Eliminated(at, log_determinant + grown, left, root, across)
+                products = gram[n:, n:] - across.T @ across
+                yield _Eliminated(at, log_determinant + grown, products, root, across)
 
 
 def _log_bayes(information, scores, one_sided=False):
