@@ -9,7 +9,7 @@ from scipy.sparse.linalg import LinearOperator, eigsh
 
 from pyblast.core import HEX_WIDTH
 from pyblast.mesh import tetrahedra
-from pyblast.mesh.mesh import locate
+from pyblast.mesh.mesh import locate_in_zones
 from pyblast.mesh.nodes import morton_keys, nodes_of, renumbered
 from pyblast.solver.assembly import zone_packs
 
@@ -163,7 +163,7 @@ def bare(mesh, rock, quadratic=False, gamma=0.0, stiffness=None):
     fixed = np.any([np.abs(points - end) < 1e-6 for end in ends], axis=0)
 
     def places(where):
-        zone, weights = locate(mesh, where)
+        zone, weights = locate_in_zones(mesh, where)
         return new[held.zone_nodes[zone]], held.shapes(weights)
 
     links = np.zeros((0, 2), dtype=np.int32), np.zeros(0)

@@ -10,7 +10,7 @@ import re
 from pathlib import Path
 
 from examples.fault_from_records.make_records import KN, KS, RATIO
-from pyblast.diagnosis.summary import summary_lines
+from pyblast.diagnosis.summary import diagnosis_lines
 from pyblast.project.result import Result, read_result
 from pyblast.report import figures
 from pyblast.report.survey_design import ranges_figure
@@ -53,7 +53,7 @@ def table(search: dict) -> str:
 
 def named(diagnosis: dict) -> str:
     """Return what the page says of the diagnosis: what it printed, and the value of the effect."""
-    printed = [line for line in summary_lines(diagnosis) if not line.startswith("  next:")]
+    printed = [line for line in diagnosis_lines(diagnosis) if not line.startswith("  next:")]
     closed = diagnosis["effects"][0]["parameters"]["closed"]
     return "\n".join(
         [

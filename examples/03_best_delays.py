@@ -17,7 +17,7 @@ from pyblast.blasts.signature import (
     pressure_for_peak,
     travel_shifts,
 )
-from pyblast.planning import FiringScatter, best_delays, gain, peak_bands, rows_pattern
+from pyblast.planning import FiringScatter, best_delays, gain_of_plan, peak_bands, rows_pattern
 from pyblast.runs.blast_ensemble import signature_spectra
 
 ROCK = {"density": 2600.0, "cp": 4000.0, "cs": 2300.0, "radius": 2.0}
@@ -46,7 +46,7 @@ for name, middle, low, high in zip(HOUSES, bands.level(0.5), *bands.band(0.9), s
 
 search = {"limits": LIMIT, "share": 0.9, "points": 6, "n_blasts": 40}
 best = best_delays(spectra, pattern, [0.009, 0.025], [0.042, 0.109], SCATTER, **search)
-gained = gain(spectra, nominal, best.times, SCATTER, limits=LIMIT, n_blasts=1000)
+gained = gain_of_plan(spectra, nominal, best.times, SCATTER, limits=LIMIT, n_blasts=1000)
 print("best: " + ", ".join(f"{1e3 * delay:.0f} ms" for delay in best.delays), end="; ")
 print(f"90 % quantile of PPV falls by {100 * gained.reduction:.0f} % "
       "[{:.0f} to {:.0f}]".format(*100 * gained.interval))  # fmt: skip

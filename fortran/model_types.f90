@@ -240,6 +240,18 @@ module pyblast_model_types
                                                                  !! balance (n_sums, n_batch)
     end type model_state
 
+    type, public :: run_arrays
+        !! How far a model is integrated, and what is recorded.
+        integer :: schema, n_steps
+        integer :: fingerprint                                   !! of the model, given back in the result
+        integer :: ledger_every                                  !! steps between lines of energies
+        real(dp), contiguous, pointer :: motion(:, :, :, :)
+            !! (n_batch, 3, n_receivers, n_steps) [m/s]
+        real(dp), contiguous, pointer :: receiver_motion(:, :, :) => null()
+            !! of injected sources, added to what is recorded (3, n_receivers, n_steps) [m/s]
+        real(dp), contiguous, pointer :: energy(:, :, :)         !! (n_energies, n_batch, n_lines) [J]
+    end type run_arrays
+
     type, public :: domain_range
         !! One domain: its number, its set, and the zones and slots that it holds.
         integer :: number, set, first_zone, last_zone, first_slot, last_slot, n_slots

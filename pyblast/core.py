@@ -5,7 +5,9 @@ import logging
 import os
 import subprocess
 import sys
+import tomllib
 from functools import cache
+from importlib import resources
 from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -39,50 +41,37 @@ HEX_WIDTH = {  # hexahedra side by side in memory, by single precision
     True: 8,
 }
 LEAST_SHARED = int(_core.pyblast_kinds.least_shared)  # nodes from which threads share a time step
-N_SUMS = int(_core.pyblast_kinds.n_sums)
-N_JOINT_STATE = int(_core.pyblast_kinds.n_joint_state)
-N_JOINT_PROPERTIES = int(_core.pyblast_kinds.n_joint_properties)
-N_ZONE_STATE = int(_core.pyblast_kinds.n_zone_state)
-N_ZONE_PROPERTIES = int(_core.pyblast_kinds.n_zone_properties)
-INDEX_ENDINGS = (
-    "_node", "_slot", "_part", "_joint", "_law", "_history", "_start", "_set", "_row", "_patch",
-    "_member", "_form", "_axis", "_zone",
-)  # fmt: skip
+# Lengths that Fortran sets, by the names that stand in arrays.toml.
+SIZES = {
+    name: int(getattr(_core.pyblast_kinds, name))
+    for name in dir(_core.pyblast_kinds)
+    if name.startswith(("n_", "hex_"))
+}
+N_SUMS, N_JOINT_STATE, N_ZONE_STATE = (
+    SIZES[f"n_{n}"] for n in ("sums", "joint_state", "zone_state")
+)
+N_JOINT_PROPERTIES, N_ZONE_PROPERTIES = SIZES["n_joint_properties"], SIZES["n_zone_properties"]
+
+
+def _array_table():
+    """Return the rows of fortran/arrays.toml by group and name, with shapes in Python's order."""
+    table = tomllib.loads((resources.files(__package__) / "arrays.toml").read_text("utf-8"))
+    return {
+        (group, name): {**row, "shape": row["shape"].split(", ")[::-1] if row["shape"] else []}
+        for group, records in table.items()
+        for arrays in records.values()
+        for name, row in arrays.items()
+    }
+
+
+ARRAYS = _array_table()  # of a model file and of its result
+STATE = tuple(name for group, name in ARRAYS if group == "state")
 # Arrays that differ between the members of a batch, and the axis of the members.
 BATCH_AXIS = {
-    **dict.fromkeys(
-        (
-            "displacement", "velocity", "memory", "node_mass", "node_alpha", "node_load",
-            "fixed_history", "set_beta", "set_branch", "contact_stored", "contact_dissipated",
-            "row_lost", "joint_law", "motion", "block_factor", "implicit_inverse",
-            "implicit_inertia", "implicit_drag",
-        ),
-        -1,
-    ),
-    **dict.fromkeys(
-        (
-            "contact_traction", "contact_state", "contact_initial", "row_state", "row_initial",
-            "joint_property", "set_property", "dashpot_inverse", "energy",
-        ),
-        1,
-    ),
-    "sums": 0,
-}  # fmt: skip
-STATE = (
-    "displacement",
-    "velocity",
-    "memory",
-    "row_state",
-    "row_lost",
-    "contact_traction",
-    "contact_state",
-    "contact_stored",
-    "contact_dissipated",
-    "slab_memory",
-    "node_memory",
-    "crossing_memory",
-    "sums",
-)
+    name: row["shape"].index("n_batch")
+    for (_, name), row in ARRAYS.items()
+    if "n_batch" in row["shape"]
+}
 
 
 class Law(NamedTuple):
@@ -222,7 +211,7 @@ def numbered(arrays):
         if isinstance(value, np.ndarray):
             if not value.size:
                 value = np.zeros((1, *value.shape[1:]), dtype=value.dtype)
-            if name.endswith(INDEX_ENDINGS):
+            if value.dtype == np.int32:
                 value = value + np.int32(1)
             value = np.ascontiguousarray(value)
         table[name] = value

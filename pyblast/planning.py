@@ -275,7 +275,7 @@ def best_delays(
     Returns
     -------
     BestDelays
-        Its severity is biased low as the least of many; `gain` estimates it on new draws.
+        Its severity is biased low as the least of many; `gain_of_plan` estimates it on new draws.
 
     Raises
     ------
@@ -338,7 +338,7 @@ def severity(
     )
 
 
-def gain(
+def gain_of_plan(
     spectra: BlastSpectra,
     before: ArrayLike,
     after: ArrayLike,
@@ -469,7 +469,7 @@ def plan_delays(
     Raises
     ------
     InputError
-        As `best_delays` and `gain`.
+        As `best_delays` and `gain_of_plan`.
 
     Notes
     -----
@@ -483,5 +483,7 @@ def plan_delays(
     before, after = (
         peak_bands(spectra, times, scatter, **fresh) for times in (planned, best.times)
     )
-    gained = gain(spectra, planned, best.times, scatter, limits=limits, share=share, **fresh)
+    gained = gain_of_plan(
+        spectra, planned, best.times, scatter, limits=limits, share=share, **fresh
+    )
     return DelayPlan(np.asarray(limits, dtype=float), before, after, best, gained)

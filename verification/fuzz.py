@@ -1,20 +1,24 @@
 """Damage model files at random and see that pyblast-run refuses them in one sentence.
 
-    python -m verification.fuzz [COUNT] [--seed N]
+    python -m verification.fuzz [COUNT] [--seed N] [--again] [--minutes N]
 
 Half of the files have bytes changed, cut or overwritten, half have values, lengths or kinds of
 their arrays changed. The program may run a file whose damage leaves a model (exit code 0, or 1 if
-its energy grows); all others it must refuse with exit code 2 and one sentence, never by a signal.
-Files that broke it are kept in ``build/fuzz``.
+its energy grows): one whose numbers are finite, with no negative mass, area or modulus, and whose
+result is finite. All others it must refuse with exit code 2 and one sentence, never by a signal.
+Writes the rows that ``verification/fuzz.json`` lacks, one for each fifty files with the counts of
+outcomes; COUNT 2000, seed 2026, 25 minutes unless given otherwise. Files that broke the program are
+kept in ``build/fuzz``.
 """
 
-import argparse
 import os
 import resource
 import shutil
 import subprocess
 import sys
+from collections import Counter
 from dataclasses import replace
+from functools import cache
 from importlib import resources
 from pathlib import Path
 
@@ -33,14 +37,22 @@ from pyblast.signals.seismogram import Seismogram
 from pyblast.solver.preparation import export, prepare
 from verification.columns import ROCK
 from verification.contact import properties
+from verification.rows import each_row, options
 from verification.zone import MATERIALS
 
+OUT = Path(__file__).with_suffix(".json")
+SEED, COUNT, MINUTES = 2026, 2000, 25.0
+PIECE = 50  # files in a row
 FOLDER = Path(__file__).resolve().parents[1] / "build" / "fuzz"
 PROGRAM = resources.files("pyblast") / "bin" / "pyblast-run"
 PULSE = TimeFunction(1e7 * np.hanning(21), 1e-3)
 SECONDS = 20  # that a run may take
 MEMORY = 4 << 30  # bytes that it may take
 SIDES = ("west", "east", "south", "north", "bottom")
+OUTCOMES = {0: "run", 1: "stopped", 2: "refused"}  # by exit code
+# What no model has, beside numbers that are not finite; only strengths of joints may be endless.
+NEVER_NEGATIVE = "node_mass", "contact_area", "layer_mass", "zone_shear", "patch_bulk", "set_beta"
+ENDLESS = "joint_property"
 WRONG = (0, -1, 1, 2, 7, 10**6, -(2**31), 2**31 - 1, np.nan, np.inf, -np.inf, 1e308, -1.0, 1e-308)
 
 
@@ -176,7 +188,8 @@ def limited():
 
 def fault_of(path):
     """Return what is wrong with how the program takes a file, or nothing; and its exit code."""
-    command = [str(PROGRAM), str(path), str(path.with_suffix(".result"))]
+    result = path.with_suffix(".result")
+    command = [str(PROGRAM), str(path), str(result)]
     try:
         done = subprocess.run(
             command, capture_output=True, text=True, errors="replace", timeout=SECONDS,
@@ -185,48 +198,76 @@ def fault_of(path):
     except subprocess.TimeoutExpired:
         return f"takes longer than {SECONDS} s", None
     lines = done.stderr.strip().splitlines()
-    if done.returncode not in (0, 1, 2):
+    if done.returncode not in OUTCOMES:
         return f"ends with {done.returncode}: {' / '.join(lines)[:200]}", done.returncode
     if done.returncode and (len(lines) != 1 or not lines[0].startswith("pyblast-run: ")):
         return f"says {len(lines)} lines: {' / '.join(lines)[:200]}", done.returncode
-    return "", done.returncode
+    return ("" if done.returncode else nonsense(path, result)), done.returncode
 
 
-def fuzz(count, seed):
-    """Damage files and run them; return the faults, and how often each exit code came."""
-    rng, codes, faults = np.random.default_rng(seed), {}, []
-    FOLDER.mkdir(parents=True, exist_ok=True)
-    wholes = []
-    for make in (layered, tetrahedra, bent):
-        model = make()
-        wholes.append(FOLDER / f"{make.__name__}.h5")
-        export(prepare(model, 0.02), wholes[-1])
-        fault, code = fault_of(wholes[-1])
-        if fault or code:
-            raise SystemExit(f"fuzz: {wholes[-1].name} whole: {fault or code}")
-    for number in range(count):
-        path = FOLDER / "damaged.h5"
-        done = damaged(wholes[number % 3], path, rng)
+def nonsense(path, result):
+    """Return what should have kept a file from being run, or what its result lacks."""
+    for file in (path, result):
+        with h5py.File(file) as held:
+            for place in (f"{group}/{name}" for group in held for name in held[group]):
+                values, name = held[place][()], place.split("/")[1]
+                if np.isnan(values).any() or (np.isinf(values).any() and name != ENDLESS):
+                    return f"{place} of the {file.suffix[1:]} is not finite"
+                if name in NEVER_NEGATIVE and np.min(values) < 0.0:
+                    return f"{place} of the {file.suffix[1:]} is negative"
+    return ""
+
+
+@cache
+def wholes(folder):
+    """Write the whole model files, which the program must run."""
+    folder.mkdir(parents=True, exist_ok=True)
+    paths = [folder / f"{make.__name__}.h5" for make in (layered, tetrahedra, bent)]
+    for make, path in zip((layered, tetrahedra, bent), paths, strict=True):
+        export(prepare(make(), 0.02), path)
         fault, code = fault_of(path)
-        codes[code] = codes.get(code, 0) + 1
+        if fault or code:
+            raise SystemExit(f"fuzz: {path.name} whole: {fault or code}")
+    return paths
+
+
+def fuzz(first, count, seed, folder):
+    """Damage files and run them; return a row: how often each outcome came, and the faults."""
+    outcomes, faults = Counter(), []
+    for number in range(first, first + count):
+        path, rng = folder / "damaged.model", np.random.default_rng([seed, number])
+        done = damaged(wholes(folder)[number % 3], path, rng)
+        fault, code = fault_of(path)
+        outcomes["fault" if fault else OUTCOMES[code]] += 1
         if fault:
-            kept = FOLDER / f"fault-{seed}-{number}.h5"
-            shutil.copy(path, kept)
-            faults.append(f"{kept.name} ({done}) {fault}")
+            shutil.copy(path, folder / f"fault-{seed}-{number}.h5")
+            faults.append(f"{number} ({done}) {fault}")
             print(f"fuzz: {faults[-1]}", flush=True)
-    return faults, codes
+    return {"seed": seed, "files": count, **dict(sorted(outcomes.items())), "faults": faults}
 
 
 def main(arguments):
-    """Damage as many files as asked for; return 1 if one broke the program."""
-    parser = argparse.ArgumentParser(prog="./dev fuzz", description=__doc__.split("\n")[0])
-    parser.add_argument("count", nargs="?", type=int, default=2000)
-    parser.add_argument("--seed", type=int, default=1)
-    given = parser.parse_args(arguments)
-    faults, codes = fuzz(given.count, given.seed)
-    told = ", ".join(f"{n} with exit code {code}" for code, n in sorted(codes.items(), key=str))
-    print(f"fuzz: {given.count} files, seed {given.seed}: {told}; {len(faults)} faults")
-    return 1 if faults else 0
+    """Damage the files whose rows are missing; return 1 if one of them all broke the program."""
+    others, found = options(arguments)
+    seed = SEED
+    if "--seed" in others:
+        at = others.index("--seed")
+        seed = int(others[at + 1])
+        del others[at : at + 2]
+    count, minutes = int(others[0]) if others else COUNT, found.pop("minutes", MINUTES)
+    # Further kinds of files get rows of names of their own.
+    jobs = {f"model file {n:05}, seed {seed}": n for n in range(0, count, PIECE)}
+
+    def job(name):
+        first = jobs[name]
+        return fuzz(first, min(PIECE, count - first), seed, FOLDER)
+
+    rows = each_row(OUT, jobs, job, minutes, **found)
+    told = Counter()
+    for row in (row for name, row in rows.items() if name in jobs):
+        told.update({key: row.get(key, 0) for key in ("files", *OUTCOMES.values(), "fault")})
+    print(f"fuzz: seed {seed}: {', '.join(f'{n} {key}' for key, n in told.items())}")
+    return 1 if told["fault"] else 0
 
 
 if __name__ == "__main__":

@@ -22,7 +22,7 @@ from scipy.interpolate import LinearNDInterpolator
 
 from pyblast.config.config import check_config
 from pyblast.errors import PyblastError
-from pyblast.mesh.mesh import locate
+from pyblast.mesh.mesh import locate_in_zones
 from pyblast.project.project import make_project
 from pyblast.project.result import write_text
 from pyblast.solver.injection import near_receivers
@@ -254,7 +254,7 @@ def _layers(asked, mesh, rng):
     border = asked.high[2] - asked.depth
     points = points[asked.inside(points, asked.short)]
     points = points[np.abs(points[:, 2] - border) > asked.short]
-    zones = locate(mesh, points, np.inf)[0]
+    zones = locate_in_zones(mesh, points, np.inf)[0]
     groups = np.array(mesh.groups)[mesh.zone_group[zones]]
     wanted = np.where((points[:, 2] > border) & (asked.depth > 0.0), "soil", "rock")
     if (groups != wanted).any():

@@ -66,6 +66,7 @@ class Copy:
             return False
         for core in (made / "fortran").glob("_core*.so"):
             shutil.copy2(core, package / core.name)
+        shutil.copy2(self.source / "fortran" / "arrays.toml", package)
         program = made / "fortran" / "pyblast-run"
         if program.is_file():
             (package / "bin").mkdir(exist_ok=True)

@@ -20,7 +20,7 @@ from pyblast.project.flat_box import (
     flat_box,
     is_anisotropic,
 )
-from pyblast.project.places import box_of
+from pyblast.project.places import axis_limits
 from pyblast.project.project import Project
 
 
@@ -170,7 +170,7 @@ def flat_model(
         materials,
         joints=project.joints,
         boundaries=tuple(Viscous(side) for side in OUTER),
-        sponge=SpongeLayer(box_of(ground.box), cut.padding, None if band is None else band[0]),
+        sponge=SpongeLayer(axis_limits(ground.box), cut.padding, None if band is None else band[0]),
         sources=tuple(sources),
         receivers=own.receivers,
         ground=project.fields,

@@ -12,7 +12,7 @@ from pathlib import Path
 import matplotlib
 import numpy as np
 
-from pyblast.diagnosis.summary import summary_lines
+from pyblast.diagnosis.summary import diagnosis_lines
 from pyblast.inference.records import band_functions
 from pyblast.recordings.recording import read_stations
 from pyblast.runs.parallel import workers
@@ -101,7 +101,7 @@ def main(arguments):
 
     with workers() as executor:
         answer, folder = diagnose_case(project, out, executor=executor, progress=progress)
-    print("\r" + "\n".join(summary_lines(answer)))
+    print("\r" + "\n".join(diagnosis_lines(answer)))
     recorded = in_band(read_stations(HERE / "further" / "H1.mseed"))
     predicted = {}
     for model, _ in MODELS:

@@ -12,7 +12,7 @@ from line_analysis import scale_and_shift
 from real_figures import draw_plans
 from real_line import hits_by_place, keep_results, recordings_folder, seismograms
 
-from pyblast.planning import FiringScatter, best_delays, gain, peak_bands, rows_pattern
+from pyblast.planning import FiringScatter, best_delays, gain_of_plan, peak_bands, rows_pattern
 from pyblast.runs.blast_ensemble import signature_spectra
 
 BAND, HOUSES, SHARES = (10.0, 40.0), (6, 12, 18), (0.5, 0.9, 0.95)
@@ -89,7 +89,7 @@ def plans(records, charge, trigger):
         best = best_delays(spectra, PATTERN, LOW, HIGH, scatter, limits=limits, points=10,
                            n_blasts=60)  # fmt: skip
         searched = best.tried[:, 2].min() / best_level(spectra, nominal, scatter, limits)
-        worth = gain(spectra, nominal, best.times, scatter, limits=limits, n_blasts=N_FRESH)
+        worth = gain_of_plan(spectra, nominal, best.times, scatter, limits=limits, n_blasts=N_FRESH)
         drawn.append([1.0 - searched, worth.reduction, *worth.interval])
         pair = [np.max(real_peaks(records, hit, t, hidden, HOUSES, 100 + hit) / limits, axis=1)
                 for t in (nominal, best.times)]  # fmt: skip

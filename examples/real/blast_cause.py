@@ -10,7 +10,7 @@ from scipy import fft
 from pyblast.errors import InputError
 from pyblast.line_records.shots import (
     SIGNIFICANCE,
-    Decision,
+    EffectDecision,
     permutation_p,
     phase_randomised,
     shifted,
@@ -33,7 +33,7 @@ def blast_cause(
     sigma: float,
     folds: int = 2,
     seed: int = 0,
-) -> Decision:
+) -> EffectDecision:
     """Name what makes a blast differ from its plan.
 
     Parameters
@@ -84,11 +84,11 @@ def blast_cause(
         best = best if p_value <= SIGNIFICANCE else CHARGE
     p_value = _chance(job, recorded, guesses["plan"], ("plan", best), scores, rng)
     if scores[best] <= scores["plan"] or p_value > SIGNIFICANCE:
-        return Decision("NULL", best, reason, p_value=p_value)
+        return EffectDecision("NULL", best, reason, p_value=p_value)
     own = _left(recorded, guesses[best])
     rivals = [one for one in LABELS if one != best and (best, one) not in NESTED
               and not _surely_less(own, _left(recorded, guesses[one]))]  # fmt: skip
-    return Decision(
+    return EffectDecision(
         "CLASS" if rivals else "NAMED", " | ".join([best, *rivals]), reason,
         tuple(range(len(nominal))), _parameters(job, recorded, best), p_value=p_value,
         held_out=(scores["plan"], scores[best]),

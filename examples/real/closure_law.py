@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike
 from scipy import optimize, stats
 
 from pyblast.errors import InputError
-from pyblast.line_records.shots import SIGNIFICANCE, Decision, permutation_p, phase_randomised
+from pyblast.line_records.shots import SIGNIFICANCE, EffectDecision, permutation_p, phase_randomised
 
 N_CLOSURE_DRAWS = 59
 Pair = tuple[np.ndarray, np.ndarray]  # closure in m, stress in Pa
@@ -15,7 +15,7 @@ Pair = tuple[np.ndarray, np.ndarray]  # closure in m, stress in Pa
 
 def closure_law(
     closures: Sequence[ArrayLike], stresses: Sequence[ArrayLike], *, seed: int = 0
-) -> Decision:
+) -> EffectDecision:
     """Judge linear closure against Bandis' hyperbola.
 
     Parameters
@@ -57,7 +57,7 @@ def closure_law(
         drawn.append(line - bent)
     p_value = permutation_p(before - after, drawn)
     named = after < before and p_value <= SIGNIFICANCE
-    return Decision(
+    return EffectDecision(
         "NAMED" if named else "NULL", "joint_nonlinear_closure",
         f"the hyperbola leaves {after:.3g} Pa, the line {before:.3g} Pa, of closures not fitted; "
         f"{100 * p_value:.1f} % of surrogates gain as much",

@@ -42,13 +42,13 @@ def findings_of_table(project) -> list[Finding]:
         findings = few_coefficients(blasts, n_parameters)
     findings += late_records(blasts)
     findings += [] if carried is None else [carried]
-    findings += near_sources(blasts)
+    findings += near_source_findings(blasts)
     if table.method in ("paper", "paper_eq15"):
         findings += [hot_annealing(table.runs), annealing_against_random(n_parameters, table.runs)]
     return findings
 
 
-def near_sources(blasts) -> list[Finding]:
+def near_source_findings(blasts) -> list[Finding]:
     """Return D38 of the first blast that has receivers near a source, which do not count."""
     for blast in blasts:
         names = source_names(blast.model.sources, blast.blast)

@@ -10,22 +10,23 @@ from pathlib import Path
 import numpy as np
 
 from .. import core
-from ..config.config import PriorsConfig
 from ..errors import InputError, PyblastError, SolverError
 from ..inference.covariance import record_blocks
-from ..inference.error_model import (
-    Firings,
+from ..inference.nuisances import (
+    SOURCE,
+    UNCORRECTED,
+    UNEVEN,
     Nuisances,
     discretization_columns,
-    hole_columns,
     random_slopes,
     shaped,
-    shift_columns,
+    survey_columns,
 )
+from ..inference.parameter import SPEED, STIFFNESS
 from ..inference.posterior import ALL_LEVELS, FEW_LEVELS, NORMAL_95, Linear, linear
 from ..inference.records import Records, band_functions
 from ..model.model import Model
-from ..project.elements import for_band, refined
+from ..project.elements import better_mesh, for_band
 from ..project.ground import damages_material
 from ..project.places import on_ground
 from ..project.project import Project
@@ -34,22 +35,13 @@ from ..solver.preparation import LEDGER_EVERY, prepare
 from .parameters import (
     DENSITY,
     GEOMETRY,
-    SPEED,
-    STIFFNESS,
     Property,
     held_properties,
     sought_properties,
 )
 from .waveforms import Window, remaining, sampled_motion
 
-BETTER = 0.04  # error of the better mesh over that of the working mesh
-UNCORRECTED = 0.3  # of the change by the better mesh: prior deviation of what it leaves
 PROBE = 0.04  # of the shortest wavelength: how far beside a receiver its slopes are taken
-SOURCE = 0.01  # prior deviation of the spectrum of a blast, at four cosines over log frequency
-UNEVEN = {
-    SPEED: 0.003,
-    STIFFNESS: 0.05,
-}  # between receivers, and frequencies
 # Two programs that solve the same model agree to this, measured where neither knew a truth:
 # docs/quality/intervals.md.
 PROGRAMS = {"cp": 0.006, "cs": 0.003, "kn": 0.05, "ks": 0.05}
@@ -230,7 +222,7 @@ class Job:
             if each.parameter is None and each.kind != DENSITY and x:
                 blast = each.change(blast, float(x))
         if self.better:
-            mesh = refined(blast, BETTER)
+            mesh = better_mesh(blast)
             blast = blast if mesh is None else blast.changed(mesh=mesh)
         return blast
 
@@ -444,7 +436,7 @@ class Fitter:
         self.low, self.high = _bounds(everything)
         self.longest = np.array([LONGEST.get(each.kind, LONGEST_OTHER) for each in everything])
         self.correction = self.change = np.zeros(0)
-        self.has_better = refined(first, BETTER) is not None
+        self.has_better = better_mesh(first) is not None
         if not self.has_better:
             self.left_out["the error of the mesh"] = "a mesh that is given is not made finer"
         self.trace: list[dict] = []
@@ -692,51 +684,3 @@ def _in_band(records: Records, band) -> Records:
     """Return records compared in another band."""
     valid = None if records.valid.all() else records.valid
     return replace(records, band=band_functions(records.n_samples, records.dt, band, valid))
-
-
-def survey_columns(
-    motion, moved, blasts: Sequence[Project], receivers: Sequence[str], band, priors: PriorsConfig
-) -> tuple[Nuisances, np.ndarray]:
-    """Return the nuisances of trigger, clocks, places and firings, and the change by attenuation.
-
-    Parameters
-    ----------
-    motion : (n_blasts, n_receivers, 3, n_samples) float64, m/s
-    moved : (2, n_blasts, n_receivers, 3, n_samples) float64, 1/s
-        Change of the motion by a move of its receiver to the east and to the north.
-    blasts : sequence of Project
-    receivers : sequence of str
-    band : Band
-    priors : PriorsConfig
-    """
-    seconds = {"trigger": 1e-3 * priors.trigger_ms, "clock": 1e-3 * priors.clock_ms}
-    shifts = shift_columns(motion, moved, band, {**seconds, "receiver": priors.receiver_m})
-    firings = [firings_of(blast, receivers) for blast in blasts]
-    holes, lost = hole_columns(motion, firings, band, 1e-3 * priors.firing_ms)
-    return shifts + holes, lost
-
-
-def firings_of(blast: Project, receivers: Sequence[str]) -> Firings | None:
-    """Return the firings of a blast with their travel times; None where nothing fires by hole.
-
-    Holes inside fire at the centre of their moment rate, from which their waves travel.
-    """
-    config, fired = blast.config, blast.blast
-    if fired is None or (config.holes_inside is None and config.signature is None):
-        return None
-    if config.holes_inside is None:
-        firing = blast.firing
-        late = np.zeros((len(receivers), len(firing.times)))
-        return Firings(firing.times - firing.times.min(), firing.scales, late)
-    exponent = 1.0 if config.blast is None else config.blast.charge_exponent
-    charge = np.nan_to_num(fired.charge) ** exponent
-    speed = min(rock.cs for rock in blast.materials.values())
-    known = {receiver.name: np.asarray(receiver.position) for receiver in blast.receivers}
-    late = np.zeros((len(receivers), len(charge)))
-    for r, name in enumerate(receivers):
-        if name in known:
-            away = np.linalg.norm(fired.centres - known[name], axis=1)
-            late[r] = (away - away.mean()) / speed
-    rate = blast.inside.moment_rate
-    emitted = 0.0 if rate is None else rate.centre
-    return Firings(fired.times - fired.times.min() + emitted, charge, late)

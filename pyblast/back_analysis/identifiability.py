@@ -10,8 +10,8 @@ from .. import core
 from ..core import JOINT_LAWS
 from ..errors import SolverError
 from ..inference.covariance import SCATTER, error_columns, whitener
-from ..inference.error_model import scattering
 from ..inference.likelihood import signed_residuals
+from ..inference.nuisances import scattering
 from ..inference.records import Band, Noise
 from ..model.joint import FAILED, SLIP, STICKING_JOINTS
 from ..project.ground import joint_of_surface
@@ -172,7 +172,7 @@ def centre(unit, information):
     return np.clip(0.5 + shrinkage @ (np.asarray(unit) - 0.5), 0.0, 1.0)
 
 
-def intervals(unit, information):
+def posterior_intervals(unit, information):
     """Return the 90 % posterior intervals, (n, 2) in the unit cube, clipped at its faces."""
     half, middle = NORMAL_95 * UNIFORM * information.ratios, centre(unit, information)
     return np.clip(np.stack([middle - half, middle + half], axis=-1), 0.0, 1.0)

@@ -9,7 +9,7 @@ import numpy as np
 from ..config.config import BackAnalysisConfig, required_table
 from ..config.section import check_path, value_at
 from ..errors import Finding, InputError, named_error
-from ..inference.parameter import Parameter
+from ..inference.parameter import OTHER, SPEED, STIFFNESS, Parameter, kind_of_key
 from ..model.material import Material
 from ..project.ground import joint_of_surface
 from ..project.places import resolved_receivers
@@ -244,9 +244,7 @@ def simulate(project: Project, parameters, points, step=None) -> list[dict[str, 
     return [variant.simulated(run.seismograms) for variant, run in pairs]
 
 
-SPEED, STIFFNESS, OTHER = "speed", "stiffness", "other"
 DENSITY, GEOMETRY = "density", "geometry"
-KINDS = {"cp": SPEED, "cs": SPEED, "kn": STIFFNESS, "ks": STIFFNESS}
 STEPS = {SPEED: 0.02, STIFFNESS: 0.3, OTHER: 0.1}  # of coordinates, for derivatives
 OF_SPEEDS = {"cp", "cs", "youngs", "bulk", "shear", "poisson"}  # keys of a material
 
@@ -325,7 +323,7 @@ def _sought(project, parameter):
     middle = math.sqrt(low * high) if low > 0.0 else 0.5 * (low + high)
     given = value_at(project.config, parameter.name)
     start = float(given) if given is not None and low <= given <= high else middle
-    kind = KINDS.get(split_key(parameter.name.rpartition(".")[-1])[0], OTHER)
+    kind = kind_of_key(parameter.name)
     plain = Property(
         parameter.name, kind, 1.0, STEPS[kind], _set(parameter.name), 0.0, parameter, start
     )

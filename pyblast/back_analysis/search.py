@@ -14,7 +14,7 @@ from ..inference.global_search import (
     random_search,
 )
 from ..inference.likelihood import MISFITS, SIGNED
-from ..inference.parameter import Parameter, Search, Trace
+from ..inference.parameter import Parameter, SearchMethod, Trace
 from ..project.inputs import input_band
 from ..project.project import Project
 from ..signals.comparison import Comparison, compare
@@ -37,7 +37,7 @@ from .survey_design import SurveyDesign, constraint_of, ranges_of, survey_design
 from .trials import Target, misfit_of
 from .waveforms import make_waveforms
 
-METHODS: dict[str, Search] = {
+METHODS: dict[str, SearchMethod] = {
     "paper": paper,
     "paper_eq15": paper_eq15,
     "random": random_search,

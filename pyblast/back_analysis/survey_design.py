@@ -23,8 +23,8 @@ from .identifiability import (
     FisherInformation,
     Sensitivities,
     Slip,
-    intervals,
     is_strength,
+    posterior_intervals,
     reason_without_slip,
     run_with_slip,
     weakest,
@@ -462,7 +462,7 @@ def _of_other_data(sensitivities, n_blasts, in_survey):
 
 def _intervals(parameters, unit, information):
     """Return the 90 % intervals in the units of the parameters, (n, 2), extended to the point."""
-    ends = intervals(unit, information)
+    ends = posterior_intervals(unit, information)
     ends = np.stack([np.minimum(ends[:, 0], unit), np.maximum(ends[:, 1], unit)], axis=-1)
     problem = ranges_of(parameters)
     return np.stack([problem.points(ends[:, 0]), problem.points(ends[:, 1])], axis=-1)

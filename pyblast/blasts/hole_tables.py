@@ -38,7 +38,7 @@ _PLACES = Wanted(
 
 
 @dataclass(frozen=True)
-class Layout:
+class TableLayout:
     """Layout of a hole table: columns by quantity with unit, and conventions.
 
     Columns are header names, or numbers from 0 where the file has no header. ``needs`` are the
@@ -55,16 +55,16 @@ class Layout:
 _LAYOUTS = tomllib.loads(
     resources.files("pyblast.blasts").joinpath("layouts.toml").read_text(encoding="utf-8")
 )
-WITH_HEADER = tuple(Layout(**layout) for layout in _LAYOUTS["with_header"])
+WITH_HEADER = tuple(TableLayout(**layout) for layout in _LAYOUTS["with_header"])
 _IN_A_ROW = ("id", "x_m", "y_m", "z_m", "x_toe_m", "y_toe_m", "z_toe_m")
 
 
-def plain(header: str) -> str:
+def plain_header(header: str) -> str:
     """Write a header in lower case with single underscores: "Hole ID" is "hole_id"."""
     return re.sub(r"[^a-z0-9]+", "_", header.strip().lower()).strip("_")
 
 
-def recognise(first_row: Sequence[str]) -> tuple[Layout | None, bool]:
+def recognise(first_row: Sequence[str]) -> tuple[TableLayout | None, bool]:
     """Find the layout of a table from its first row.
 
     Parameters
@@ -73,11 +73,11 @@ def recognise(first_row: Sequence[str]) -> tuple[Layout | None, bool]:
 
     Returns
     -------
-    layout : Layout or None
+    layout : TableLayout or None
         Columns as numbers from 0; only those that the table has. None if nothing fits.
     has_header : bool
     """
-    headers = [plain(name) for name in first_row]
+    headers = [plain_header(name) for name in first_row]
     for layout in WITH_HEADER:
         columns = {k: headers.index(name) for k, name in layout.columns.items() if name in headers}
         if all(key in columns for key in layout.needs):
@@ -89,7 +89,7 @@ def recognise(first_row: Sequence[str]) -> tuple[Layout | None, bool]:
     columns = {key: n for key, n in columns.items() if n < len(first_row)}
     if not is_number(first_row[columns["x_m"]]):
         return None, False
-    return Layout(f"Kirra table of {len(first_row)} columns", columns), False
+    return TableLayout(f"Kirra table of {len(first_row)} columns", columns), False
 
 
 def read_blast(
@@ -140,14 +140,14 @@ def read_blast(
         raise ReadError(f"{path.name}: {error}") from None
 
 
-def _table(cells: Cells, mapping, log) -> tuple[Layout, Table]:
+def _table(cells: Cells, mapping, log) -> tuple[TableLayout, Table]:
     """Return the table of holes, and the layout that it has."""
-    layout, wanted, rules = Layout("table with usual titles", {}), wanted_by("holes"), NO_RULES
+    layout, wanted, rules = TableLayout("table with usual titles", {}), wanted_by("holes"), NO_RULES
     if mapping is not None:
         tables = mapping if isinstance(mapping, dict) else load_mapping(mapping)
         wanted, rules = _PLACES, rules_of(tables, _PLACES, OPTIONS)
         conventions = {key: rules.options[key] for key in OPTIONS if key in rules.options}
-        layout = Layout("mapped table", {}, **conventions)
+        layout = TableLayout("mapped table", {}, **conventions)
     for delimiter in ",;\t" if mapping is None else "":
         rows = cells.split(delimiter, count=HEAD_LINES)
         known, has_header = recognise(rows[0][1]) if rows else (None, False)

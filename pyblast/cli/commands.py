@@ -81,8 +81,8 @@ def program(
     del version
 
 
-@app.command()
-def run(
+@app.command("run")
+def run_command(
     project: ProjectFile,
     out: Annotated[
         Path | None,
@@ -128,8 +128,8 @@ def run(
             raise typer.Exit(NOT_TRUSTED)
 
 
-@app.command()
-def check(project: ProjectFile, full: Full = False, verbose: Verbose = False):
+@app.command("check")
+def check_command(project: ProjectFile, full: Full = False, verbose: Verbose = False):
     """Check a project: size and cost of its run, and findings about its model and data.
 
     Shows volumes, zones, the highest frequency that the mesh carries in each material, time step,
@@ -171,8 +171,8 @@ def mesh(
         console.say(f"written: {out / 'zones.vtu'}, {out / 'joints.vtu'}")
 
 
-@app.command()
-def superpose(
+@app.command("superpose")
+def superpose_command(
     project: ProjectFile,
     out: Annotated[Path | None, typer.Option(help="CSV file for the input motion.")] = None,
 ):
@@ -193,8 +193,8 @@ def superpose(
             console.say(f"written: {out}")
 
 
-@app.command()
-def compare(
+@app.command("compare")
+def compare_command(
     recorded: Annotated[Path, typer.Argument(help="Record of a blast seismograph.")],
     simulated: Annotated[Path, typer.Argument(help="result.h5 of a run, or another record.")],
     receiver: Annotated[str, typer.Option(help="Receiver of the run.")] = "",
@@ -408,8 +408,8 @@ def backanalyse(
         console.show_search(result, folder, workflow.slip_summary(result), findings_of_fit(result))
 
 
-@app.command()
-def diagnose(
+@app.command("diagnose")
+def diagnose_command(
     case: Annotated[
         Path, typer.Argument(help="Folder with site.toml, hole tables, records; or project file.")
     ],
@@ -452,7 +452,7 @@ def diagnose(
             raise InputError(
                 "--predict: needs --predict-out, --predict-baseline or both, and they need it"
             )
-        from ..diagnosis.summary import UNSURE, summary_lines
+        from ..diagnosis.summary import UNSURE, diagnosis_lines
         from ..runs.parallel import workers as pool
         from ..workflows import diagnose as workflow
 
@@ -463,7 +463,7 @@ def diagnose(
                 case, out, fresh=fresh, budget=budget, seed=seed, correct=correct,
                 executor=executor, progress=progress, say=console.say,
             )  # fmt: skip
-        for line in summary_lines(result):
+        for line in diagnosis_lines(result):
             console.say(line)
         console.say(f"{result['runs']} runs, {result['wall_s']:.0f} s; results: {folder}")
         if result["outcome"] == "MISTAKE":
@@ -515,7 +515,7 @@ def records(
     records.json and report.html. What can't be analysed is listed with its reason.
     """
     with exit_codes():
-        from ..report.records import summary_lines
+        from ..report.records import records_lines
         from ..workflows.records import analyse_records
 
         with console.Progress() as progress:
@@ -524,7 +524,7 @@ def records(
                 sensor_band=sensor_band, reference=reference, seed=seed, progress=progress,
             )  # fmt: skip
         console.show_inputs(summary["inputs"], verbose)
-        console.say("\n".join([*summary_lines(summary), f"results: {results}"]))
+        console.say("\n".join([*records_lines(summary), f"results: {results}"]))
         console.say(f"report:  {results / 'report.html'}")
 
 

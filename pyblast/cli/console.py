@@ -414,7 +414,7 @@ def show_survey(plan: "SurveyDesign", folder: Path) -> None:
 
 def show_identifiability(summary: dict) -> None:
     """Print how well each parameter is constrained, from a `summarise_survey`."""
-    from ..report.survey_design import best_candidates, summary_lines
+    from ..report.survey_design import best_candidates, survey_lines
 
     table = _table("parameter", "at", "90 % interval", "posterior/prior", "constrained", "other")
     for row in summary["parameters"]:
@@ -432,7 +432,7 @@ def show_identifiability(summary: dict) -> None:
         name = row["name"] if row["kind"] == "receiver" else f"{row['kind']} {row['name']}"
         table.add_row(name, f"{row['gain']:.2g}", f"{row['worst']:.2f}", row["worst_path"])
     _out.print(table)
-    for line in summary_lines(summary):
+    for line in survey_lines(summary):
         say(line)
 
 

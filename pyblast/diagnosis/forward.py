@@ -7,12 +7,11 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy.interpolate import make_interp_spline
 
-from ..back_analysis.fit import BETTER
 from ..blasts.blast import Firing
 from ..errors import InputError
-from ..mesh.mesh import locate
+from ..mesh.mesh import locate_in_zones
 from ..model.model import Model, Receiver
-from ..project.elements import refined, with_laws
+from ..project.elements import better_mesh, with_laws
 from ..project.flat_box import ground_materials
 from ..project.ground import damages_material
 from ..project.inputs import make_input
@@ -210,7 +209,7 @@ class Forward:
         suited = with_laws(mesh, project.materials)
         if suited is not mesh:
             project = project.changed(mesh=suited)
-        return project.changed(mesh=finer_mesh(project)) if self.fine else project
+        return project.changed(mesh=better_mesh(project)) if self.fine else project
 
     def _mesh(self, project, blast):
         """Return the mesh of a project, built once for its geometry."""
@@ -229,11 +228,6 @@ class Forward:
         return np.stack(
             [seismograms[name].sampled(lead, dt, n).velocity.T for name in self.case.receivers]
         )
-
-
-def finer_mesh(project: Project):
-    """Return the `MeshConfig` of the mesh by which that of a project is corrected, or None."""
-    return refined(project, BETTER)
 
 
 def geometry(project):
@@ -279,7 +273,7 @@ def surface_speed(project: Project) -> float:
     """Return the S-wave speed in m/s of the uppermost ground."""
     if project.config.mesh.layers:
         return project.materials[project.config.mesh.layers[0].material].cs
-    zone, _ = locate(project.mesh, [project.receivers[0].position])
+    zone, _ = locate_in_zones(project.mesh, [project.receivers[0].position])
     return project.materials[project.mesh.groups[int(project.mesh.zone_group[zone][0])]].cs
 
 
@@ -377,7 +371,7 @@ def probe_positions_inside(case: Case, receiver, offsets) -> list[np.ndarray] | 
             positions = [
                 np.subtract(on_ground(mesh, at[:2] + step), (0.0, 0.0, depth)) for step in grid
             ]
-        locate(mesh, positions)
+        locate_in_zones(mesh, positions)
     except InputError:
         return None
     return positions

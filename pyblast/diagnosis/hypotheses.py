@@ -72,7 +72,7 @@ def ground_without_loss(case: Case) -> str:
     return "the site gives quality factors, and anisotropic ground with them is not simulated"
 
 
-def elastic_ground(case: Case) -> str:
+def elastic_materials(case: Case) -> str:
     """Require ground that is elastic, so that it may have another law."""
     for name in ground_materials(case.project):
         law = case.project.materials[name].law.name

@@ -9,17 +9,20 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.special import logsumexp
 
-from ..back_analysis.fit import SOURCE, UNCORRECTED, UNEVEN, survey_columns
-from ..back_analysis.parameters import SPEED, STIFFNESS
 from ..inference.covariance import RecordBlocks, record_blocks
-from ..inference.error_model import (
+from ..inference.nuisances import (
+    SOURCE,
+    UNCORRECTED,
+    UNEVEN,
     Nuisances,
     discretization_columns,
     moving_columns,
     random_slopes,
     shaped,
+    survey_columns,
     transfer_columns,
 )
+from ..inference.parameter import STIFFNESS, kind_of_key
 from ..inference.score_test import AveragedError, Change, ScoreTest, detected_strength, draws
 from .case import Case
 from .effects import Effect, Scene, starting_effects
@@ -291,7 +294,7 @@ def error_of(scene: Scene, members: Sequence[Member] = ()) -> SiteError:
         case.receivers, band, priors,
     )  # fmt: skip
     survey = _with_own_firings(scene, survey)
-    kinds = [_kind(parameter) for parameter in baseline.parameters]
+    kinds = [kind_of_key(parameter.name) for parameter in baseline.parameters]
     ground = random_slopes(baseline.slopes, [UNEVEN[kind] for kind in kinds], band)
     numerical = UNCORRECTED * band.project(baseline.correction)
     held, simulated = band.project(baseline.slopes), band.project(motion)
@@ -339,11 +342,6 @@ def _with_own_firings(scene, survey):
     ]  # fmt: skip
     columns = [_change(scene, motion, motion + each) for each in late]
     return rest + moving_columns({"firing": columns}, motion.shape[:3] + survey.columns.shape[4:])
-
-
-def _kind(parameter):
-    """Return whether a calibrated parameter is a speed or a stiffness."""
-    return SPEED if parameter.name.rsplit(".", 1)[-1] in ("cp", "cs") else STIFFNESS
 
 
 @dataclass(frozen=True, eq=False)

@@ -29,7 +29,7 @@ GRID = 25  # points along the longer side of the plan
 NEARLY = 0.9  # of the largest stack, above which a point is as good
 
 
-def summarise(
+def summarise_diagnosis(
     search: Search,
     decision: Decision,
     mistakes: Sequence[Mistake] = (),
@@ -134,7 +134,7 @@ def _clipped(case):
     return clipped
 
 
-def summary_lines(summary: Mapping) -> list[str]:
+def diagnosis_lines(summary: Mapping) -> list[str]:
     """Return the outcome of ``diagnosis.json`` and its basis in a few lines of text."""
     lines = [f"outcome: {summary['outcome']}"]
     lines += [f"  {act}" for act in acts(summary)]

@@ -9,7 +9,7 @@ import numpy as np
 from scipy import linalg
 
 from ..errors import InputError
-from .error_model import Nuisances, mesh_columns, nuisances, scattering, shaped
+from .nuisances import Nuisances, mesh_columns, nuisances, scattering, shaped
 from .records import Band, Noise, Records, symmetric_root
 
 SCATTER = "scatter"

@@ -8,6 +8,15 @@ from typing import Protocol
 import numpy as np
 
 from ..errors import InputError
+from ..units import split_key
+
+SPEED, STIFFNESS, OTHER = "speed", "stiffness", "other"
+_KINDS = {"cp": SPEED, "cs": SPEED, "kn": STIFFNESS, "ks": STIFFNESS}
+
+
+def kind_of_key(path: str) -> str:
+    """Return whether a number of a project is a wave speed, a joint stiffness or another."""
+    return _KINDS.get(split_key(path.rpartition(".")[-1])[0], OTHER)
 
 
 @dataclass(frozen=True)
@@ -189,7 +198,7 @@ class Trace:
         return int(np.argmin(self.misfits))
 
 
-class Search(Protocol):
+class SearchMethod(Protocol):
     """Search method: a function of a problem, a number of evaluations and a seed."""
 
     def __call__(self, problem: Problem, budget: int, seed: int) -> Trace:

@@ -8,7 +8,7 @@ from scipy import linalg
 from scipy.special import logsumexp
 
 from .covariance import RecordBlocks
-from .error_model import Nuisances
+from .nuisances import Nuisances
 
 # Levels of model error, in shares of the energy of a channel, and of the group "ground".
 SCATTER = (3e-5, 1e-4, 3e-4, 1e-3, 3e-3, 1e-2, 3e-2, 1e-1, 3e-1)

@@ -10,7 +10,7 @@ from scipy import linalg
 from scipy.special import log_ndtr, logsumexp
 
 from .covariance import RecordBlocks
-from .error_model import Nuisances
+from .nuisances import Nuisances
 
 TRANSFER = "transfer"  # the group whose level is learned beside that of scattered motion
 TINY = 1e-12  # of the deviation of a change that nuisances can't explain

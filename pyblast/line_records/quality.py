@@ -11,8 +11,8 @@ from ..errors import InputError
 from .shots import (
     NEEDED,
     SIGNIFICANCE,
-    Decision,
-    Shot,
+    EffectDecision,
+    ShotGather,
     correlation,
     permutation_p,
     phase_randomised,
@@ -48,8 +48,8 @@ class Misfits:
 
 
 def odd_channels(
-    shots: Sequence[Shot], band: tuple[float, float], *, reach: float = 0.04, seed: int = 0
-) -> list[Decision]:
+    shots: Sequence[ShotGather], band: tuple[float, float], *, reach: float = 0.04, seed: int = 0
+) -> list[EffectDecision]:
     """Find receivers with reversed polarity, timing or geometry errors, or without signal.
 
     Parameters
@@ -112,7 +112,7 @@ def _corrected(shot, decision):
     return replace(shot, motion=motion, places=places)
 
 
-def between_neighbours(shot: Shot, reach: float) -> Misfits:
+def between_neighbours(shot: ShotGather, reach: float) -> Misfits:
     """Correlate each inner receiver with the mean of its neighbours after moveout correction."""
     sign, lag, slowness = [], [], []
     for predicted, n, slow in _predicted(shot, reach):
@@ -149,7 +149,7 @@ def _most_anomalous(shots, band, reach, seed):
         kind, where = 0, int(np.argmax(scores[0]))
     p_value = p_value_of(scores[kind, where])
     if scores[kind, where] <= threshold:
-        return Decision(
+        return EffectDecision(
             "NULL", " | ".join(LABELS),
             f"the most anomalous receiver deviates by {scores[kind, where]:.1f} robust standard "
             f"deviations; the 5 % level of the null distribution is {threshold:.1f}",
@@ -160,7 +160,7 @@ def _most_anomalous(shots, band, reach, seed):
     weakest = min(near, key=lambda n: np.median(np.abs(misfits.sign[:, n])))
     size, noise = _coherence([shots[n] for n in held], weakest + 1, reach, seed)
     if size <= noise:
-        return Decision(
+        return EffectDecision(
             "NAMED", NO_SIGNAL,
             f"its correlation with the neighbours is {size:.2f}, and {100 * SIGNIFICANCE:.0f} % of "
             f"noises with its spectrum exceed {noise:.2f}",
@@ -177,7 +177,7 @@ def _most_anomalous(shots, band, reach, seed):
     small = after - before <= NEEDED * max(usual - before, 0.0) or after <= before
     if small:
         outcome = "UNKNOWN"
-    return Decision(
+    return EffectDecision(
         outcome, label,
         f"deviates by {scores[kind, where]:.1f} robust standard deviations of the others; the "
         f"{100 * SIGNIFICANCE:.0f} % level of the null distribution is {threshold:.1f}"
@@ -320,7 +320,7 @@ def sensor_response(
     names: tuple[str, str],
     reference: str | None = None,
     seed: int = 0,
-) -> Decision:
+) -> EffectDecision:
     """Test for a sensor response: spectral ratio of two sensors side by side, at two places.
 
     Parameters
@@ -383,7 +383,7 @@ def sensor_response(
         why += "; no corner in the band is resolved"
     if outcome == "CLASS":
         why += "; which of the two is not flat needs a reference"
-    return Decision(
+    return EffectDecision(
         outcome, "instrument_response", why, target if significant else (),
         parameters if significant else {}, band=band, p_value=p_value, held_out=(before, after),
     )  # fmt: skip

@@ -8,14 +8,14 @@ from numpy.typing import ArrayLike
 from scipy import fft, signal
 
 from ..errors import InputError
-from ..recordings.raw import at_level, is_dead, plateau_level
+from ..recordings.raw import clipped_samples, is_dead
 from ..recordings.recording import Gather
 
 EDGE = 0.05
 
 
 @dataclass(frozen=True, eq=False)
-class Shot:
+class ShotGather:
     """Shot: its motion at the usable receivers of a line, in the order of their positions.
 
     Parameters
@@ -44,7 +44,7 @@ class Shot:
         """Time of each sample, (n_samples,) s."""
         return self.start + self.dt * np.arange(self.motion.shape[1])
 
-    def banded(self, band: tuple[float, float]) -> "Shot":
+    def banded(self, band: tuple[float, float]) -> "ShotGather":
         """Band-pass without phase shift, after detrending and tapering."""
         if not 0.0 < band[0] < band[1] < 0.5 / self.dt:
             raise InputError(
@@ -55,7 +55,7 @@ class Shot:
         sos = signal.butter(4, band, "bandpass", fs=1.0 / self.dt, output="sos")
         return replace(self, motion=signal.sosfiltfilt(sos, motion, axis=1))
 
-    def only(self, receivers: slice | np.ndarray) -> "Shot":
+    def only(self, receivers: slice | np.ndarray) -> "ShotGather":
         """Select receivers by their order."""
         parts = (x[receivers] for x in (self.motion, self.places, self.offsets, self.channels))
         motion, places, offsets, channels = parts
@@ -67,7 +67,7 @@ def shot_of(
     places: ArrayLike | None = None,
     source: float | None = None,
     offsets: ArrayLike | None = None,
-) -> Shot:
+) -> ShotGather:
     """Turn a gather into a shot: its channels that are neither dead nor clipped, along the line.
 
     Parameters
@@ -85,7 +85,7 @@ def shot_of(
     order = usable[np.argsort(places[usable], kind="stable")]
     if not np.isfinite(places[order]).all() or not np.isfinite(offsets[order]).all():
         raise InputError(f"{gather.label}: the positions of its receivers are unknown; pass places")
-    return Shot(
+    return ShotGather(
         gather.data[order], places[order], source, offsets[order], gather.dt, gather.start, order
     )
 
@@ -118,7 +118,7 @@ NEEDED = 0.5  # of what an effect could explain of held-out records, for a name
 
 
 @dataclass(frozen=True)
-class Decision:
+class EffectDecision:
     """Decision of a test for one effect: outcome, location, size and significance.
 
     Parameters
@@ -185,7 +185,7 @@ def jackknifed(estimates: ArrayLike) -> tuple[float, float, float]:
     return middle, float(middle - 1.645 * sigma), float(middle + 1.645 * sigma)
 
 
-def dead_and_clipped(data: ArrayLike) -> tuple[Decision, Decision]:
+def dead_and_clipped(data: ArrayLike) -> tuple[EffectDecision, EffectDecision]:
     """Detect dead channels and clipped samples, which must be masked before any analysis.
 
     Parameters
@@ -203,19 +203,16 @@ def dead_and_clipped(data: ArrayLike) -> tuple[Decision, Decision]:
     """
     data = np.asarray(data, dtype=float)
     dead = tuple(int(c) for c in np.flatnonzero([is_dead(samples) for samples in data]))
-    levels = [level for level in map(plateau_level, data) if level is not None]
-    marks = np.zeros(data.shape, bool)
-    for level in levels:
-        marks |= at_level(np.abs(data), level)
+    marks, top = clipped_samples(data)
     samples = tuple((int(c), int(n)) for c, n in np.argwhere(marks))
-    level = {"full_scale": (max(levels), min(levels), max(levels))} if levels else {}
+    level = {} if top is None else {"full_scale": (top, top, top)}
     return (
-        Decision(
+        EffectDecision(
             "NAMED" if samples else "NULL", "saturation",
             f"{len(samples)} samples stand at full scale" if samples else "no plateau at the ends",
             samples, level,
         ),
-        Decision(
+        EffectDecision(
             "NAMED" if dead else "NULL", "dead_channel",
             f"{len(dead)} channels never move" if dead else "all channels move", dead,
         ),

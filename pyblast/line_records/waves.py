@@ -11,8 +11,8 @@ from ..errors import InputError
 from .shots import (
     NEEDED,
     SIGNIFICANCE,
-    Decision,
-    Shot,
+    EffectDecision,
+    ShotGather,
     interval,
     jackknifed,
     permutation_p,
@@ -46,7 +46,9 @@ class SlantStack:
         return total / len(self.envelopes)
 
 
-def air_wave(shots: Sequence[Shot], band: tuple[float, float], *, seed: int = 0) -> Decision:
+def air_wave(
+    shots: Sequence[ShotGather], band: tuple[float, float], *, seed: int = 0
+) -> EffectDecision:
     """Test for an air wave: one that leaves the source at its time with the speed of sound.
 
     Parameters
@@ -81,11 +83,11 @@ def air_wave(shots: Sequence[Shot], band: tuple[float, float], *, seed: int = 0)
              for _ in range(N_AIR_DRAWS)]  # fmt: skip
     p_value = permutation_p(most, drawn)
     if p_value > SIGNIFICANCE:
-        return Decision("NULL", "air_blast", "no wave crosses the line significantly",
+        return EffectDecision("NULL", "air_blast", "no wave crosses the line significantly",
                        band=band, p_value=p_value)  # fmt: skip
     estimate = _refined_speed(slants, speed)
     if not AIR[0] < estimate[0] < AIR[1]:
-        return Decision(
+        return EffectDecision(
             "NULL", "air_blast",
             f"the clearest wave has {estimate[0]:.0f} m/s, which is not the speed of sound in air",
             parameters={"speed": estimate}, band=band, p_value=p_value,
@@ -99,7 +101,7 @@ def air_wave(shots: Sequence[Shot], band: tuple[float, float], *, seed: int = 0)
         share for shot, delay in zip(shots, delays, strict=True)
         for share in _energy_shares(shot.banded(band), estimate[0], delay, window)
     ]  # fmt: skip
-    return Decision(
+    return EffectDecision(
         "UNKNOWN" if objection or held[1] <= held[0] else "NAMED", "air_blast",
         objection
         or f"a wave of {estimate[0]:.0f} m/s leaves the source at its time in all of the band",
@@ -203,7 +205,7 @@ def _objection(shots, band, speed, delays, window):
 
 
 def held_out(
-    shots: Sequence[Shot],
+    shots: Sequence[ShotGather],
     band: tuple[float, float],
     speed: float,
     delays: Sequence[float],
@@ -318,13 +320,13 @@ class Picks:
 
 
 def soft_layer(
-    shots: Sequence[Shot],
-    held: Sequence[Shot],
+    shots: Sequence[ShotGather],
+    held: Sequence[ShotGather],
     band: tuple[float, float],
     *,
     poisson: float = 0.4,
     seed: int = 0,
-) -> Decision:
+) -> EffectDecision:
     """Test for a soft surface layer: dispersion of Rayleigh waves against a half-space.
 
     Parameters
@@ -357,7 +359,7 @@ def soft_layer(
     raw, other = (phase_speeds(part, frequencies, seed=seed) for part in (shots, held))
     picks, other = without_outliers(raw), without_outliers(other)
     if min(len(picks.speed), len(other.speed)) < FEWEST:
-        return Decision("UNKNOWN", "soft_surface_layer",
+        return EffectDecision("UNKNOWN", "soft_surface_layer",
                        "too few frequencies have one clear phase speed", band=band)  # fmt: skip
     steep = stats.spearmanr(raw.frequency, raw.speed)[0]
     rng = np.random.default_rng(seed)
@@ -366,19 +368,21 @@ def soft_layer(
     p_value = permutation_p(abs(steep), drawn)
     one_speed = np.average(picks.speed, weights=picks.sigma**-2)
     if p_value > SIGNIFICANCE:
-        return Decision(
+        return EffectDecision(
             "NULL", "soft_surface_layer",
             f"phase speeds do not depart from {one_speed:.0f} m/s significantly",
             band=band, p_value=p_value,
         )  # fmt: skip
     if steep > 0.0:
-        return Decision("UNKNOWN", "soft_surface_layer", "waves of higher frequency are faster",
-                       band=band, p_value=p_value)  # fmt: skip
+        return EffectDecision(
+            "UNKNOWN", "soft_surface_layer", "waves of higher frequency are faster",
+            band=band, p_value=p_value,
+        )  # fmt: skip
     values, spread = fit_layer(picks, poisson)
     before = _misfit(other, np.full(len(other.speed), one_speed))
     after = _misfit(other, _speeds(values, other.frequency, poisson))
     left_out = len(raw.speed) - len(picks.speed)
-    return Decision(
+    return EffectDecision(
         "NAMED" if after**2 < (1.0 - NEEDED) * before**2 else "UNKNOWN", "soft_surface_layer",
         f"phase speeds fall from {picks.speed[0]:.0f} to {picks.speed[-1]:.0f} m/s; misfit of "
         f"shots not fitted {before:.1f} standard deviations by one speed, {after:.1f} by the layer"
@@ -389,7 +393,7 @@ def soft_layer(
 
 
 def phase_speeds(
-    shots: Sequence[Shot], frequencies: np.ndarray, *, n_draws: int = 40, seed: int = 0
+    shots: Sequence[ShotGather], frequencies: np.ndarray, *, n_draws: int = 40, seed: int = 0
 ) -> Picks:
     """Pick phase speeds at the maxima of the phase stack over receivers, theory.md (15.4).
 

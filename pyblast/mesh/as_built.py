@@ -15,7 +15,7 @@ import scipy
 from . import hexahedra
 from .faces import pair_faces, zone_faces, zone_of_face
 from .grid import SIDES, Geometry, layer_limits
-from .mesh import Mesh, components, edge_lengths, locate, surface_faces
+from .mesh import Mesh, graph_components, locate_in_zones, surface_faces, zone_edge_lengths
 
 OF_AREA = 0.01  # tolerance of areas, relative
 OF_WAVE = 0.02  # of lengths, over the shortest wavelength
@@ -126,7 +126,7 @@ def positions_as_built(
             (lower, height, _of_faces(mesh, _boundaries(mesh, upper, lower))[0])
             for upper, lower, height in _levels(asked)
         ]
-    rows, edges = [], edge_lengths(mesh).mean(axis=1)
+    rows, edges = [], zone_edge_lengths(mesh).mean(axis=1)
     for name, position, away, zone in zip(positions, at, moved, zones, strict=True):
         apart = float(edges[zone]) / mesh.order
         rows.append(Row(name, "moved, m", 0.0, float(away), OF_EDGE * apart))
@@ -455,7 +455,7 @@ def _missing(mesh, positions):
 
 def _moved(mesh, positions):
     """Return how far positions (n, 3) move into the mesh, in m, and the zone of each."""
-    zone, at = locate(mesh, positions, np.inf)
+    zone, at = locate_in_zones(mesh, positions, np.inf)
     if mesh.hexahedral:
         shapes = hexahedra.shape_values(mesh.order, at)
         nearest = np.einsum("na,nac->nc", shapes, mesh.node_places[zone])
@@ -502,7 +502,7 @@ def _points_above(asked, ground):
 def _stations(mesh, asked, ground, short, positions):
     """Yield the height of the ground under positions on it, and how far others are outside."""
     box, top = asked.box, _facets(mesh, "top")[0]
-    edges, inside = edge_lengths(mesh).mean(axis=1) / mesh.order, {}
+    edges, inside = zone_edge_lengths(mesh).mean(axis=1) / mesh.order, {}
     for name, position in positions.items():
         plan = np.array(position[:2], dtype=float)
         if (plan < box[:2, 0]).any() or (plan > box[:2, 1]).any():
@@ -602,7 +602,9 @@ def _boundaries(mesh, upper, lower):
         return np.zeros(0, dtype=int)
     zones = mesh.zones
     if mesh.contacts is not None:
-        zones = components(mesh.contacts.minus, mesh.contacts.plus, len(mesh.points))[1][zones]
+        zones = graph_components(mesh.contacts.minus, mesh.contacts.plus, len(mesh.points))[1][
+            zones
+        ]
     first, second, _, _ = pair_faces(zones, len(mesh.points))
     group = mesh.zone_group[zone_of_face(mesh.zones, np.stack([first, second]))[0]]
     pair = sorted((mesh.groups.index(upper), mesh.groups.index(lower)))

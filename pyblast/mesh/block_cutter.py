@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .blocks import (
-    Cells,
+    CellComplex,
     box_cells,
     cell_vertices,
     copied,
@@ -24,7 +24,7 @@ _EXACT = 1e-6  # m, distance below which a vertex lies on a plane
 
 
 @dataclass(frozen=True)
-class Plane:
+class CuttingPlane:
     """Cutting plane ``normal . x = offset``, with the surface of its facets.
 
     Parameters
@@ -60,8 +60,11 @@ class CutFaces:
 
 
 def cut_cells(
-    cells: Cells, chosen: Iterable[int], plane: Plane, tolerance: Callable[[np.ndarray], np.ndarray]
-) -> tuple[Cells, CutFaces]:
+    cells: CellComplex,
+    chosen: Iterable[int],
+    plane: CuttingPlane,
+    tolerance: Callable[[np.ndarray], np.ndarray],
+) -> tuple[CellComplex, CutFaces]:
     """Cut chosen cells along a plane.
 
     Vertices within the tolerance of the plane count as lying on it: the cut bends to them and
@@ -70,14 +73,14 @@ def cut_cells(
 
     Parameters
     ----------
-    cells : Cells, not changed
+    cells : CellComplex, not changed
     chosen : iterable of int
-    plane : Plane
+    plane : CuttingPlane
     tolerance : callable of points (n, 3) to (n,) float64, m
 
     Returns
     -------
-    cells : Cells
+    cells : CellComplex
     cut : CutFaces
     """
     chosen, whole = sorted(chosen), set()
@@ -104,7 +107,10 @@ def _is_bent(vertex, height, limit):
 
 
 def split_faces(
-    cells: Cells, faces: Iterable[int], plane: Plane, tolerance: Callable[[np.ndarray], np.ndarray]
+    cells: CellComplex,
+    faces: Iterable[int],
+    plane: CuttingPlane,
+    tolerance: Callable[[np.ndarray], np.ndarray],
 ) -> list[int]:
     """Split faces, not cells, along a plane in place; return all parts."""
     vertices = {v for f in faces for v in cells.loops[f]}
@@ -239,7 +245,7 @@ class CutReport:
 class _Rock:
     """Cells during the cutting, with tolerances and statistics."""
 
-    cells: Cells
+    cells: CellComplex
     limits: np.ndarray
     tolerances: np.ndarray
     bent: list[np.ndarray]
@@ -273,7 +279,7 @@ def rock_cells(
     faults: Sequence[Fault],
     margin: float = 0.0,
     top: float | None = None,
-) -> tuple[Cells, CutReport]:
+) -> tuple[CellComplex, CutReport]:
     """Cut a box into the cells between layers, joints and faults.
 
     Parameters
@@ -291,7 +297,7 @@ def rock_cells(
 
     Returns
     -------
-    cells : Cells
+    cells : CellComplex
         Their kind is the layer, plus the number of layers for cells outside the box.
     report : CutReport
     """
@@ -322,10 +328,12 @@ def rock_cells(
 def _cut_regions(rock, box, margin):
     """Cut at layers and at the limits of the box; assign each cell to a layer."""
     vertical = np.array([0.0, 0.0, 1.0])
-    planes = [Plane(vertical, height) for height in rock.limits[1:-1]]
+    planes = [CuttingPlane(vertical, height) for height in rock.limits[1:-1]]
     if margin > 0.0:
-        planes += [Plane(np.eye(3)[axis], box[axis, end]) for axis in (0, 1) for end in (0, 1)]
-        planes.append(Plane(vertical, box[2, 0]))
+        planes += [
+            CuttingPlane(np.eye(3)[axis], box[axis, end]) for axis in (0, 1) for end in (0, 1)
+        ]
+        planes.append(CuttingPlane(vertical, box[2, 0]))
     for plane in planes:
         rock.cut(range(len(rock.cells.faces)), plane)
     middles = np.array([_middle(rock.cells, c) for c in range(len(rock.cells.faces))])
@@ -348,12 +356,14 @@ def _cut_joint_set(rock, joints, layers, box):
     for number in range(int(first), int(last) + 1):
         chosen = [c for c, kind in enumerate(rock.cells.kinds) if kind in layers]
         offset = np.dot(joints.origin, normal) + number * joints.spacing
-        rock.cut(chosen, Plane(normal, offset, joints.name), joints.spacing)
+        rock.cut(chosen, CuttingPlane(normal, offset, joints.name), joints.spacing)
 
 
 def _cut_fault(rock, fault, spacing):
     """Cut by a fault, unbounded or within its extent."""
-    plane = Plane(fault.unit_normal, float(np.dot(fault.unit_normal, fault.point)), fault.name)
+    plane = CuttingPlane(
+        fault.unit_normal, float(np.dot(fault.unit_normal, fault.point)), fault.name
+    )
     borders = _borders(fault)
     chosen = [c for c in range(len(rock.cells.faces)) if _within(rock.cells, c, borders)]
     faces = rock.cut(chosen, plane, spacing)
@@ -389,7 +399,7 @@ def _borders(fault):
         # A polygon with the area of the disc.
         half = fault.radius * np.sqrt(np.pi / _DISC_SIDES / np.tan(np.pi / _DISC_SIDES))
         sides = [(np.cos(a) * strike + np.sin(a) * down, half) for a in angles]
-    return [Plane(axis, float(np.dot(axis, fault.point)) + half) for axis, half in sides]
+    return [CuttingPlane(axis, float(np.dot(axis, fault.point)) + half) for axis, half in sides]
 
 
 def _polygon_borders(corners, normal):
@@ -400,7 +410,7 @@ def _polygon_borders(corners, normal):
         length = np.linalg.norm(across)
         if length > _EXACT:
             across *= np.sign(across @ (start - middle)) / length
-            planes.append(Plane(across, float(across @ start)))
+            planes.append(CuttingPlane(across, float(across @ start)))
     return planes
 
 

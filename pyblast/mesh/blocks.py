@@ -11,7 +11,7 @@ from scipy.sparse.csgraph import connected_components
 
 
 @dataclass
-class Cells:
+class CellComplex:
     """Complex of polyhedral cells with shared faces and vertices, changed in place by cuts.
 
     Parameters
@@ -34,9 +34,9 @@ class Cells:
     ring: dict[tuple[int, int], set[int]] = field(default_factory=lambda: defaultdict(set))
 
 
-def box_cells(low: np.ndarray, high: np.ndarray, names: Sequence[str]) -> Cells:
+def box_cells(low: np.ndarray, high: np.ndarray, names: Sequence[str]) -> CellComplex:
     """Return one cell, a box, with its sides named in the order -x, +x, -y, +y, -z, +z."""
-    cells = Cells(faces=[set()], kinds=[0])
+    cells = CellComplex(faces=[set()], kinds=[0])
     for z in (0, 1):
         for y in (0, 1):
             for x in (0, 1):
@@ -47,11 +47,11 @@ def box_cells(low: np.ndarray, high: np.ndarray, names: Sequence[str]) -> Cells:
     return cells
 
 
-def copied(cells: Cells, chosen: Iterable[int]) -> Cells:
+def copied(cells: CellComplex, chosen: Iterable[int]) -> CellComplex:
     """Return a copy whose chosen cells may be cut; what no cut of them changes is shared."""
     points, loops, tags = cells.points[:], cells.loops[:], cells.tags[:]
     owners, faces, kinds = cells.owners[:], cells.faces[:], cells.kinds[:]
-    copy = Cells(points, loops, tags, owners, faces, kinds, cells.ring.copy())
+    copy = CellComplex(points, loops, tags, owners, faces, kinds, cells.ring.copy())
     own = {edge for c in chosen for f in cells.faces[c] for edge in edges(cells.loops[f])}
     around = {f for edge in own for f in cells.ring[edge]}
     for face in around:
@@ -70,7 +70,7 @@ def edges(loop: list[int]) -> Iterator[tuple[int, int]]:
         yield (a, b) if a < b else (b, a)
 
 
-def add_face(cells: Cells, loop: list[int], tag: str, owners: Iterable[int]) -> int:
+def add_face(cells: CellComplex, loop: list[int], tag: str, owners: Iterable[int]) -> int:
     """Append a face and update cells and edges; return its number."""
     face = len(cells.loops)
     cells.loops.append(list(loop))
@@ -83,7 +83,7 @@ def add_face(cells: Cells, loop: list[int], tag: str, owners: Iterable[int]) -> 
     return face
 
 
-def split_edge(cells: Cells, a: int, b: int, share: float) -> set[int]:
+def split_edge(cells: CellComplex, a: int, b: int, share: float) -> set[int]:
     """Insert a vertex on the edge from a to b; return the faces around it."""
     new = len(cells.points)
     cells.points.append(cells.points[a] + share * (cells.points[b] - cells.points[a]))
@@ -97,7 +97,9 @@ def split_edge(cells: Cells, a: int, b: int, share: float) -> set[int]:
     return around
 
 
-def split_face(cells: Cells, face: int, side: dict[int, int], height: dict[int, float]) -> int:
+def split_face(
+    cells: CellComplex, face: int, side: dict[int, int], height: dict[int, float]
+) -> int:
     """Split a face between its two vertices on the plane; return the new face."""
     loop = cells.loops[face]
     n = len(loop)
@@ -118,7 +120,7 @@ def split_face(cells: Cells, face: int, side: dict[int, int], height: dict[int, 
     return add_face(cells, below, cells.tags[face], cells.owners[face])
 
 
-def split_cell(cells: Cells, cell: int, side: dict[int, int], tag: str) -> int | None:
+def split_cell(cells: CellComplex, cell: int, side: dict[int, int], tag: str) -> int | None:
     """Split a cell; return the new face, None if the cut is not a closed loop."""
     above = {f for f in cells.faces[cell] if any(side[v] == 1 for v in cells.loops[f])}
     below = cells.faces[cell] - above
@@ -154,12 +156,12 @@ def _single_loop(border):
         loop.append(ahead)
 
 
-def cell_vertices(cells: Cells, cell: int) -> np.ndarray:
+def cell_vertices(cells: CellComplex, cell: int) -> np.ndarray:
     """Return the positions (n, 3) of the vertices of a cell."""
     return np.array([cells.points[v] for v in sorted(vertices_of(cells, cell))])
 
 
-def vertices_of(cells: Cells, cell: int) -> set[int]:
+def vertices_of(cells: CellComplex, cell: int) -> set[int]:
     """Return the set of vertices of a cell."""
     return {v for f in cells.faces[cell] for v in cells.loops[f]}
 
@@ -168,12 +170,12 @@ _FLAT = 1e-6
 _THINNEST = 1e-4
 
 
-def facets(cells: Cells, face: int) -> list[list[int]]:
+def facets(cells: CellComplex, face: int) -> list[list[int]]:
     """Return a face as flat polygons: itself if it is flat, triangles if it is bent.
 
     Parameters
     ----------
-    cells : Cells
+    cells : CellComplex
     face : int
 
     Returns
@@ -216,12 +218,12 @@ def _triangles(places):
     return triangles
 
 
-def crooked_cells(cells: Cells, candidates: Iterable[int]) -> list[int]:
+def crooked_cells(cells: CellComplex, candidates: Iterable[int]) -> list[int]:
     """Return the cells that are not star-shaped: no point sees the whole surface from inside.
 
     Parameters
     ----------
-    cells : Cells
+    cells : CellComplex
     candidates : iterable of int
 
     Returns
@@ -236,7 +238,7 @@ def crooked_cells(cells: Cells, candidates: Iterable[int]) -> list[int]:
     return [c for c in suspects if _is_crooked(cells, c, flat, areas)]
 
 
-def area_vector(cells: Cells, facet: list[int]) -> np.ndarray:
+def area_vector(cells: CellComplex, facet: list[int]) -> np.ndarray:
     """Return the area vector (3,) of a flat polygon, m2."""
     places = np.array([cells.points[v] for v in facet])
     arms = places[1:] - places[0]
@@ -310,12 +312,12 @@ def _turns(cells, cell):
 _COPLANAR = 1e-7  # m, distance within which faces lie in one plane
 
 
-def carved(cells: Cells, removed: set[int], exposed: str, seam: str) -> Cells:
+def carved(cells: CellComplex, removed: set[int], exposed: str, seam: str) -> CellComplex:
     """Return cells without some of them, and without the seams between parts of one cell.
 
     Parameters
     ----------
-    cells : Cells, not changed
+    cells : CellComplex, not changed
     removed : set of int, cells to leave out
     exposed : str, tag of the faces that come to lie open
     seam : str
@@ -336,7 +338,7 @@ def carved(cells: Cells, removed: set[int], exposed: str, seam: str) -> Cells:
     ]
     whole = _labels(retained, [tuple(cells.owners[face]) for face in joined])
     kinds = {whole[c]: cells.kinds[c] for c in retained}
-    new = Cells(points=cells.points[:], faces=[set() for _ in kinds])
+    new = CellComplex(points=cells.points[:], faces=[set() for _ in kinds])
     new.kinds = [kinds[c] for c in range(len(kinds))]
     dissolved = set(joined)
     for face, owners in enumerate(cells.owners):
@@ -380,7 +382,7 @@ def _tidied(cells):
         else:
             loops.append((outline, group[0]))
     straight = _amid_straight_edges(cells.points, [loop for loop, _ in loops])
-    new = Cells(points=cells.points, faces=[set() for _ in cells.faces], kinds=cells.kinds)
+    new = CellComplex(points=cells.points, faces=[set() for _ in cells.faces], kinds=cells.kinds)
     for loop, face in loops:
         bent = [v for v in loop if v not in straight]
         add_face(new, bent, cells.tags[face], cells.owners[face])

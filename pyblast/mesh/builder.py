@@ -11,7 +11,7 @@ import scipy
 from numpy.typing import ArrayLike
 
 from ..errors import InputError, PyblastWarning
-from .block_cutter import SIDES, CutReport, Plane, cut_cells, rock_cells
+from .block_cutter import SIDES, CutReport, CuttingPlane, cut_cells, rock_cells
 from .blocks import area_vector, carved, cell_vertices
 from .gmsh import MeshingError, growth_distance, mesh_cells
 from .grid import Fault, JointSet, Layer, graded_axis, layer_limits, structured_box
@@ -375,12 +375,12 @@ class _Seams:
 
     Parameters
     ----------
-    plane : Plane
+    plane : CuttingPlane
     along : (n, 2) float64, m, ends of each seam along the plane
     heights : (n, 2) float64, m, lowest and highest ground beside each
     """
 
-    plane: Plane
+    plane: CuttingPlane
     along: np.ndarray
     heights: np.ndarray
 
@@ -407,7 +407,7 @@ def _terrain_cells(cells, terrain, tolerance):
 
     Returns
     -------
-    cells : Cells
+    cells : CellComplex
     moved : float, m, largest displacement of the terrain to a corner of joints
     refused : int, cells that it could not cut
     """
@@ -476,7 +476,7 @@ def _facet_planes(terrain, shape):
     planes = []
     for plane in range(number.max() + 1):
         row = np.flatnonzero(number == plane)[0]
-        level = Plane(normal[row], float(offset[row]), _SEAM)
+        level = CuttingPlane(normal[row], float(offset[row]), _SEAM)
         cells = np.flatnonzero(of_cell == plane).tolist()
         across = [c for c in cells if np.ptp(np.sign(level.heights(shape[c]))) == 2.0]
         if across:
@@ -508,7 +508,7 @@ def _seams(terrain):
         planes.setdefault(key, []).append((across, level, along, (ground.min(), ground.max())))
     return [
         _Seams(
-            Plane(parts[0][0], parts[0][1], _SEAM),
+            CuttingPlane(parts[0][0], parts[0][1], _SEAM),
             np.array([part[2] for part in parts]),
             np.array([part[3] for part in parts]),
         )

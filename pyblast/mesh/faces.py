@@ -99,5 +99,5 @@ def find_faces(
 def face_vectors(points: np.ndarray, faces: np.ndarray) -> np.ndarray:
     """Return the area vectors (n, 3) in m2 of triangles or quadrilaterals (n, 3 or 4)."""
     if faces.shape[1] == 4:
-        return hexahedra.face_vectors(points, faces)
+        return hexahedra.quadrilateral_vectors(points, faces)
     return tetrahedra.triangle_vectors(points, faces)

@@ -12,7 +12,7 @@ from scipy.sparse.csgraph import connected_components
 from ..core import smooth
 from ..errors import InputError
 from . import tetrahedra
-from .blocks import Cells, facets
+from .blocks import CellComplex, facets
 
 # Smallest altitude over longest edge: below THIN a zone is smoothed, below SLIVER a sliver.
 THIN = 0.35
@@ -209,13 +209,13 @@ def _gmsh():
 
 
 def mesh_cells(
-    cells: Cells, boxes: Sequence[tuple], edge: float, optimize: bool
+    cells: CellComplex, boxes: Sequence[tuple], edge: float, optimize: bool
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, dict[str, np.ndarray], tuple[Slivers, Slivers]]:
     """Mesh cells with tetrahedra that conform on all faces.
 
     Parameters
     ----------
-    cells : Cells
+    cells : CellComplex
     boxes : sequence of ((3, 2) float64, float, float)
         Limits of a region, its edge, and the distance over which the edge grows to ``edge``, m.
     edge : float, m

@@ -150,7 +150,7 @@ def corner_neighbours(zones: np.ndarray) -> np.ndarray:
     return zones[:, table].reshape(-1, 4)
 
 
-def face_vectors(points: np.ndarray, faces: np.ndarray) -> np.ndarray:
+def quadrilateral_vectors(points: np.ndarray, faces: np.ndarray) -> np.ndarray:
     """Return the area vectors (n, 3) in m2 of quadrilaterals (n, 4)."""
     a, b, c, d = (points[faces[:, k]] for k in range(4))
     return 0.5 * np.cross(c - a, d - b)

@@ -25,7 +25,7 @@ from .hexahedra import AbsorbingLayer
 _COSINE_MERGED = np.cos(np.radians(20.0))
 
 
-def components(first: np.ndarray, second: np.ndarray, n: int) -> tuple[int, np.ndarray]:
+def graph_components(first: np.ndarray, second: np.ndarray, n: int) -> tuple[int, np.ndarray]:
     """Return number and labels of the connected components of a graph given by its edges."""
     graph = coo_array((np.ones(len(first), dtype=np.int32), (first, second)), shape=(n, n))
     return connected_components(graph.tocsr(), directed=False)
@@ -57,7 +57,7 @@ def double_nodes(
     pair = [_sorted_corners(zones, faces) for faces in (first, second)]
     touching = on_joint[corner_node[pair[0]]]
     low, high = (number[side[touching]] for side in pair)
-    _, label = components(low, high, len(corners))
+    _, label = graph_components(low, high, len(corners))
     node = corner_node[corners]
     order = np.argsort(node, kind="stable")
     _, where = np.unique(label[order], return_index=True)
@@ -103,7 +103,7 @@ def orient(
     turned = np.where(consistent, 0, n)
     heads = np.concatenate([owner[edge], owner[edge] + n])
     tails = np.concatenate([owner[mate] + turned, owner[mate] + n - turned])
-    count, label = components(heads, tails, 2 * n)
+    count, label = graph_components(heads, tails, 2 * n)
     score = np.bincount(label, weights=np.concatenate([upward, -upward]), minlength=count)
     lead = score[label[:n]] - score[label[n:]]
     closed = np.abs(lead) < 1e-9 * np.abs(upward).sum()
@@ -226,7 +226,7 @@ class Mesh:
     --------
     >>> points = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
     >>> mesh = Mesh(points, np.array([[0, 1, 2, 3]]), np.array([0]), ("rock",), {})
-    >>> volumes(mesh).round(4).tolist()
+    >>> zone_volumes(mesh).round(4).tolist()
     [0.1667]
     """
 
@@ -311,7 +311,7 @@ class Mesh:
         first, second, _, _ = self.paired_faces
         pairs = number[zone_of_face(self.zones, np.stack([first, second]))[0]]
         low, high = pairs[:, (pairs >= 0).all(axis=0)]
-        return components(low, high, len(among))[1]
+        return graph_components(low, high, len(among))[1]
 
 
 def _indices(values, width):
@@ -434,7 +434,7 @@ def outer_faces(mesh: Mesh) -> np.ndarray:
     """Return the outward faces (n, 3 or 4) of the boundary of the mesh, without joints."""
     welded = np.arange(len(mesh.points))
     if mesh.contacts is not None:
-        welded = components(mesh.contacts.minus, mesh.contacts.plus, len(mesh.points))[1]
+        welded = graph_components(mesh.contacts.minus, mesh.contacts.plus, len(mesh.points))[1]
     single = pair_faces(welded[mesh.zones], len(mesh.points))[2]
     return zone_faces(mesh.zones)[np.sort(single)]
 
@@ -491,7 +491,7 @@ def surface_areas(mesh: Mesh, name: str) -> tuple[np.ndarray, np.ndarray, np.nda
     return triangles.ravel(), (length / 3.0).repeat(3), normal
 
 
-def volumes(mesh: Mesh) -> np.ndarray:
+def zone_volumes(mesh: Mesh) -> np.ndarray:
     """Return the volume (n_zones,) of each zone in m3."""
     if not mesh.hexahedral:
         return tetrahedra.volumes(mesh.points, mesh.zones)
@@ -511,13 +511,13 @@ def quality(mesh: Mesh) -> np.ndarray:
     return tetrahedra.mean_ratio(mesh.points, mesh.zones)
 
 
-def edge_lengths(mesh: Mesh) -> np.ndarray:
+def zone_edge_lengths(mesh: Mesh) -> np.ndarray:
     """Return the edge lengths of each zone, (n_zones, 6 or 12) in m."""
     element = hexahedra if mesh.hexahedral else tetrahedra
     return element.edge_lengths(mesh.points, mesh.zones)
 
 
-def locate(
+def locate_in_zones(
     mesh: Mesh, points: ArrayLike, tolerance: float | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the zone (n,) of points (n, 3), and barycentric (n, 4) or reference coordinates."""

@@ -11,7 +11,7 @@ import numpy as np
 from ..errors import InputError
 from . import tetrahedra
 from .faces import face_keys, pair_faces, zone_faces
-from .mesh import Contacts, Mesh, components, merge_pairs, surface_areas, surface_faces
+from .mesh import Contacts, Mesh, graph_components, merge_pairs, surface_areas, surface_faces
 from .tetrahedra import (
     AREA_SHARE,
     FACE_NODES,
@@ -124,7 +124,7 @@ def enrich(mesh: Mesh) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray], C
     first, second, joint, names = _shared_faces(mesh)
     welded = joint < 0
     edge = _edge_nodes(mesh.zones, first[welded], second[welded])
-    face = components(first[welded], second[welded], 4 * len(mesh.zones))[1].reshape(-1, 4)
+    face = graph_components(first[welded], second[welded], 4 * len(mesh.zones))[1].reshape(-1, 4)
     n_corners, n_edges, n_faces = len(mesh.points), edge.max() + 1, face.max() + 1
     within = np.arange(len(mesh.zones))[:, None]
     numbers = [edge, n_edges + face, n_edges + n_faces + within]
@@ -154,7 +154,7 @@ def _shared_faces(mesh):
     if contacts is None:
         first, second, _, _ = mesh.paired_faces
         return first, second, np.full(len(first), -1), ()
-    label = components(contacts.minus, contacts.plus, n_nodes)[1]
+    label = graph_components(contacts.minus, contacts.plus, n_nodes)[1]
     first, second, _, _ = pair_faces(label[mesh.zones], n_nodes)
     keys = face_keys(zone_faces(mesh.zones), n_nodes)
     joint = np.full(len(first), -1)
@@ -177,12 +177,12 @@ def _edge_nodes(zones, first, second):
         corners = np.take_along_axis(corners, np.argsort(nodes, axis=1), axis=1)
         edges = local[corners, np.roll(corners, -1, axis=1)]
         links.append((6 * (faces // 4)[:, None] + edges).ravel())
-    return components(links[0], links[1], 6 * len(zones))[1].reshape(-1, 6)
+    return graph_components(links[0], links[1], 6 * len(zones))[1].reshape(-1, 6)
 
 
 def _contacts(mesh, faces, names, joint, minus, plus):
     """Return the contacts of the seven nodes of facing facets, with their tributary areas."""
-    label = components(mesh.contacts.minus, mesh.contacts.plus, len(mesh.points))[1]
+    label = graph_components(mesh.contacts.minus, mesh.contacts.plus, len(mesh.points))[1]
     vectors = tetrahedra.triangle_vectors(mesh.points, zone_faces(mesh.zones)[minus])
     sides = []
     for side in (faces[minus], faces[plus]):
@@ -309,7 +309,7 @@ def make_patches(mesh: Mesh, wanted: np.ndarray) -> np.ndarray:
     fits = wanted[first] & wanted[second] & (mesh.zone_group[first] == mesh.zone_group[second])
     first, second = first[fits], second[fits]
     around = edge[first] == edge[second]
-    _, patch = components(first[around], second[around], len(mesh.zones))
+    _, patch = graph_components(first[around], second[around], len(mesh.zones))
     volume = tetrahedra.volumes(mesh.points, mesh.zones)
     patch = _merged(patch.astype(np.int64), first, second, volume, wanted)
     patch[wanted] = np.unique(patch[wanted], return_inverse=True)[1]

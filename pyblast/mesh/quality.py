@@ -10,7 +10,7 @@ import scipy
 from ..errors import InputError
 from . import hexahedra
 from .faces import face_keys, face_vectors, pair_faces, zone_faces, zone_of_face
-from .mesh import Mesh, components, edge_lengths, volumes
+from .mesh import Mesh, graph_components, zone_edge_lengths, zone_volumes
 
 # Measured memory per zone: gmsh with its mesh, and a structured grid.
 MESHING_BYTES, GRID_BYTES = 1900.0, 300.0
@@ -148,7 +148,7 @@ def validate(mesh: Mesh) -> None:
     doubled = np.zeros(len(mesh.zones), dtype=bool)
     doubled[first[counts > 1]] = True
     _refuse(mesh, doubled, "stand in the mesh twice")
-    share = volumes(mesh) / edge_lengths(mesh).max(axis=1) ** 3
+    share = zone_volumes(mesh) / zone_edge_lengths(mesh).max(axis=1) ** 3
     _refuse(mesh, np.abs(share) < _FLAT, "are flat")
     _refuse(mesh, share < 0.0, "are inverted (negative volume)")
     excess = np.zeros(len(mesh.zones), dtype=bool)
@@ -173,7 +173,7 @@ def _welded(mesh):
     """Return one label (n_nodes,) for all copies of a node that was split."""
     if mesh.contacts is None:
         return np.arange(len(mesh.points))
-    return components(mesh.contacts.minus, mesh.contacts.plus, len(mesh.points))[1]
+    return graph_components(mesh.contacts.minus, mesh.contacts.plus, len(mesh.points))[1]
 
 
 def _refuse_coincident(mesh):
@@ -194,7 +194,7 @@ def _refuse_parts(mesh):
     """Raise InputError for a disconnected mesh."""
     first, second, _, _ = pair_faces(_welded(mesh)[mesh.zones], len(mesh.points))
     pairs = [zone_of_face(mesh.zones, side)[0] for side in (first, second)]
-    count, label = components(pairs[0], pairs[1], len(mesh.zones))
+    count, label = graph_components(pairs[0], pairs[1], len(mesh.zones))
     if count > 1:
         sizes = np.bincount(label)
         x, y, z = mesh.points[mesh.zones[np.argmax(label == np.argmin(sizes))]].mean(axis=0)
@@ -260,7 +260,7 @@ def count_blocks(mesh: Mesh, free: tuple[str, ...] = ("top",)) -> BlockCounts:
     for number in np.flatnonzero(is_free & ~is_held):
         mine = owner == number
         removable[number] = _can_leave(outward[mine & ~on_free], outward[mine & on_free])
-    return BlockCounts(np.bincount(block, weights=volumes(mesh)), is_free, removable)
+    return BlockCounts(np.bincount(block, weights=zone_volumes(mesh)), is_free, removable)
 
 
 def _can_leave(joints, surface):

@@ -8,7 +8,7 @@ import numpy as np
 from . import hexahedra
 from .faces import face_keys, face_table, pair_faces, zone_faces, zone_of_face
 from .grid import kuhn_zones
-from .mesh import Contacts, Mesh, components, merge_pairs, surface_faces
+from .mesh import Contacts, Mesh, graph_components, merge_pairs, surface_faces
 from .nodes import morton_keys, stored
 
 
@@ -162,7 +162,7 @@ def _numbered(mesh: Mesh) -> tuple:
     sides = [_in_common_order(mesh, label, faces, grids) for faces in (first, second)]
     welded = joint < 0
     ends = [side[welded].ravel() for side in sides]
-    count, number = components(ends[0], ends[1], size * len(mesh.zones))
+    count, number = graph_components(ends[0], ends[1], size * len(mesh.zones))
     places = mesh.node_places.reshape(-1, 3)
     points = np.empty((count, 3))
     points[number[::-1]] = places[::-1]  # the first zone of a node places it
@@ -187,7 +187,7 @@ def _corner_labels(mesh):
     """Return a label of each corner node, equal for the copies of a split node."""
     if mesh.contacts is None:
         return np.arange(len(mesh.points))
-    return components(mesh.contacts.minus, mesh.contacts.plus, len(mesh.points))[1]
+    return graph_components(mesh.contacts.minus, mesh.contacts.plus, len(mesh.points))[1]
 
 
 def _shared_faces(mesh):

@@ -6,7 +6,7 @@ from functools import cached_property
 import numpy as np
 
 from ..errors import InputError
-from ..mesh.mesh import Mesh, edge_lengths, volumes
+from ..mesh.mesh import Mesh, zone_edge_lengths, zone_volumes
 from ..mesh.nodes import Nodes, make_patches, nodes_of, renumbered
 from ..mesh.spectral_nodes import SpectralNodes, View, spectral_nodes, view
 from ..signals.seismogram import Seismogram
@@ -286,7 +286,7 @@ class Model:
         if not self.ground:
             return np.float64(1.0)  # pyright: ignore[reportReturnType]
         centres = self.mesh.points[self.mesh.zones].mean(axis=1)
-        edges = edge_lengths(self.mesh).mean(axis=1)
+        edges = zone_edge_lengths(self.mesh).mean(axis=1)
         return np.prod([field.factor(centres, edges) for field in self.ground], axis=0)
 
     def speed_factor_at(self, places: np.ndarray, zone: np.ndarray) -> np.ndarray:
@@ -296,7 +296,7 @@ class Model:
         """
         if not self.ground or not self.mesh.hexahedral:
             return np.broadcast_to(self.speed_factor, len(self.mesh.zones))[zone]
-        edges = (edge_lengths(self.mesh).mean(axis=1) / self.mesh.order)[zone]
+        edges = (zone_edge_lengths(self.mesh).mean(axis=1) / self.mesh.order)[zone]
         return np.prod([field.factor(places, edges) for field in self.ground], axis=0)
 
     def law(self, group: str) -> ZoneLaw:
@@ -365,7 +365,7 @@ class Model:
 
         Zones in the absorbing layer only count if a group has no others.
         """
-        edge, weight = edge_lengths(self.mesh).mean(axis=1), volumes(self.mesh)
+        edge, weight = zone_edge_lengths(self.mesh).mean(axis=1), zone_volumes(self.mesh)
         group = self.mesh.zone_group
         if self.sponge is not None:
             inside = self.sponge.alpha(self.mesh.points[self.mesh.zones].mean(axis=1), 1.0) == 0.0

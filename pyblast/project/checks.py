@@ -10,7 +10,7 @@ from ..blasts.blast import ANFO_DENSITY, Firing
 from ..errors import Finding, by_wave
 from ..mesh import quality
 from ..mesh.as_built import Row
-from ..mesh.mesh import edge_lengths, surface_zones
+from ..mesh.mesh import surface_zones, zone_edge_lengths
 from ..model.boundary import Roller, Viscous
 from ..signals.spectra import highest_frequency
 from ..solver.initial_stress import joint_pressures
@@ -211,7 +211,7 @@ def _load_defects(project):
     air, pulse = project.config.air_blast, project.inside.air_pulse
     if air is not None:
         mesh = project.mesh
-        edge = edge_lengths(mesh)[surface_zones(mesh, air.surface)].mean()
+        edge = zone_edge_lengths(mesh)[surface_zones(mesh, air.surface)].mean()
         top = highest_frequency(shape(pulse, pulse.values))
         yield short_air_waves(
             air.surface, float(edge), air.speed_m_per_s, top, project.model.edges_per_wavelength
@@ -273,7 +273,7 @@ def _record_defects(project, summary):
             row.name: float(np.linalg.norm(source - row.position)) for row in project.receivers
         }
         last, duration = float(project.blast.times.max()), project.config.run.duration_s
-        yield air_blast(distances, last, duration)
+        yield air_blast_arrival(distances, last, duration)
     damping = project.model.damping
     by_group = damping if isinstance(damping, dict) else {"": damping}
     for name, part in by_group.items():
@@ -417,7 +417,7 @@ def layered_face(face, materials):
     )  # fmt: skip
 
 
-def air_blast(distances, last_firing, duration):
+def air_blast_arrival(distances, last_firing, duration):
     """D13: the air blast arrives within records; distances in m by receiver."""
     first = {name: away / SOUND_SPEED for name, away in distances.items()}
     first = {name: time for name, time in first.items() if time <= duration}

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..errors import Finding, by_wave
-from ..mesh.mesh import quality, surface_areas, volumes
+from ..mesh.mesh import quality, surface_areas, zone_volumes
 from ..mesh.quality import count_blocks
 from ..model.joint import infill_stiffness
 from ..solver import assembly, preparation, run
@@ -412,7 +412,7 @@ def summarise_model(project, measure=False, progress=None) -> ModelSummary:
     if measure and progress is not None:
         progress("timing", 0, 1)
     n_steps = int(np.ceil(project.duration / geometry["dt"]))
-    mass = model.zone_values("density") * volumes(model.mesh)
+    mass = model.zone_values("density") * zone_volumes(model.mesh)
     blocks = count_blocks(model.mesh, ("top", *project.config.boundaries.free))
     return ModelSummary(
         elements=elements_of(project),
@@ -451,14 +451,14 @@ def _groups(model, mass, implicit):
                     float(mass[mine].sum()),
                     float(edges[name]),
                     float(worst[mine].min()),
-                    carried_frequency(material.cs, float(edges[name]), model.edges_per_wavelength),
+                    frequency_of_edge(material.cs, float(edges[name]), model.edges_per_wavelength),
                     int(implicit[mine].sum()),
                 )
             )
     return tuple(summaries)
 
 
-def carried_frequency(speed, edge, edges_per_wavelength=10.0):
+def frequency_of_edge(speed, edge, edges_per_wavelength=10.0):
     """Return the highest frequency in Hz that zones of an edge in m carry; eq. (1) of the paper."""
     return speed / (edges_per_wavelength * edge)
 

@@ -6,7 +6,7 @@ import numpy as np
 from scipy.sparse.csgraph import connected_components
 
 from ..errors import Finding, InputError
-from ..mesh.mesh import edge_lengths, locate
+from ..mesh.mesh import locate_in_zones, zone_edge_lengths
 from ..model.ground_fields import elastic_radius, near_groups, near_joints
 from ..model.joint import Joint
 from ..model.material import PLASTIC, Damping, Elastic
@@ -77,7 +77,7 @@ def elastic_ground(model: Model, stated: float | None = None) -> ElasticGround |
         return None
     ends = np.array([_ends(source) for source in sources])
     middles = ends.mean(axis=1)
-    zone, _ = locate(model.mesh, middles)
+    zone, _ = locate_in_zones(model.mesh, middles)
     if stated is not None:
         centres = model.mesh.points[model.mesh.zones[zone]].mean(axis=1)
         least = float(np.linalg.norm(centres - middles, axis=1).max())
@@ -113,7 +113,7 @@ def elastic_ground(model: Model, stated: float | None = None) -> ElasticGround |
         if np.array_equal(grown, radius):
             break
         radius = grown
-    least = edge_lengths(model.mesh)[zone].mean(axis=1)
+    least = zone_edge_lengths(model.mesh)[zone].mean(axis=1)
     spread = [getattr(source, "spread", None) for source in sources]
     acts = least + np.array([e if s is None else s for s, e in zip(spread, least, strict=True)])
     return ElasticGround(ends, np.maximum(radius + least, acts))  # whole zones

@@ -14,7 +14,7 @@ from ..mesh.gmsh import MeshingError
 from ..mesh.grid import SIDES
 from ..mesh.hexahedral import mapped, subdivided, swept
 from ..mesh.hexahedral.mapped import Builder, Fine, NotMapped
-from ..mesh.mesh import Mesh, edge_lengths
+from ..mesh.mesh import Mesh, zone_edge_lengths
 from ..mesh.quality import explicit_work
 from ..model.material import ConstantQ
 from ..readers.provenance import ReadLog
@@ -29,14 +29,15 @@ ORDER = 5  # in a plain grid
 ORDERS = (3, 4)  # tried first elsewhere; a node and step costs about the same in all
 PLAIN, CUT = "in a plain grid", "of tetrahedra cut"
 BUILDERS: dict[str, Builder] = {
-    "between the planes": mapped.build,
-    "swept along one direction": swept.build,
+    "between the planes": mapped.build_mapped,
+    "swept along one direction": swept.build_swept,
 }
 # Nodes per shortest S wavelength for an error of 1 % over three wavelengths, by order; the error
 # falls with the power below of their number: docs/quality/performance.md.
 NODES_FOR_ONE_PER_CENT = {2: 9.0, 3: 5.9, 4: 4.6, 5: 4.3, 6: 4.0, 7: 4.0, 8: 4.1}
 WAVELENGTHS = 3.0
 OF_FITS, ORDER_OF_FITS = 0.015, 4  # by that rule: 0.1 to 1 % of the energy of a whole band
+BETTER = 0.04  # error of the better mesh over that of the working mesh
 FINER_ERROR = 0.2  # of the mesh that estimates this error, over that of fits
 LINEAR_EDGE = 0.6  # of linear zones where a law needs them, over that of quadratic ones
 FINER_EDGE = 0.63  # the same for edges of tetrahedra
@@ -217,7 +218,7 @@ def _model_in(project, ground):
 
 def _widened(project, ground, asked, model, needed, build):
     """Return a ground whose open sides lie so far from the sources that these are injected."""
-    reach = RING * float(edge_lengths(ground.mesh).max())
+    reach = RING * float(zone_edge_lengths(ground.mesh).max())
     boxes = [_around(model.sources[number], reach) for number in needed]
     box = asked.box.copy()
     for number, side in enumerate(SIDES):
@@ -453,6 +454,11 @@ def refined(project, error: float = FINER_ERROR):
     return finer if top is None else finer.model_copy(update={"frequency_hz": top / factor})
 
 
+def better_mesh(project):
+    """Return the `MeshConfig` by which motion on the mesh of a project is corrected, or None."""
+    return refined(project, BETTER)
+
+
 def edge_factor(error: float) -> float:
     """Return the factor on the edges of tetrahedra for another error."""
     return max(error, FINER_ERROR) ** (math.log(FINER_EDGE) / math.log(FINER_ERROR))
@@ -531,7 +537,7 @@ def _hexahedra(project, geometry, wave, lines=None):
                 yield work, how, mesh
 
     if mapped.is_plain(geometry):
-        trials = [*meshes(order or ORDER, {PLAIN: mapped.build})]
+        trials = [*meshes(order or ORDER, {PLAIN: mapped.build_mapped})]
     elif order:
         trials = [*meshes(order, BUILDERS)]
     else:
@@ -540,7 +546,7 @@ def _hexahedra(project, geometry, wave, lines=None):
             best = min(trials, key=lambda each: each[0])[2].order
             trials += meshes(max(lowest, best + (1 if best == max(ORDERS) else -1)), BUILDERS)
     trials.sort(key=lambda each: each[0])
-    cut = {CUT: subdivided.build}
+    cut = {CUT: subdivided.build_subdivided}
     last = (each for factor in (1.0, 0.5) for each in meshes(order or orders[0], cut, factor))
     for _, how, mesh in chain(trials, last):
         rows = as_built(mesh, geometry, wave, positions)
@@ -556,8 +562,9 @@ def _sentence(mesh, how, reasons):
     """Return what hexahedra a mesh has, and why they are not in a grid."""
     ends = "no absorbing layer" if mesh.layer is None else "an absorbing layer"
     why = f", because {'; '.join(reasons)}" if reasons else ""
+    longest = zone_edge_lengths(mesh).max()
     return (
-        f"hexahedra of order {mesh.order} {how}, edges up to {edge_lengths(mesh).max():.3g} m, "
+        f"hexahedra of order {mesh.order} {how}, edges up to {longest:.3g} m, "
         f"{ends}: {len(mesh.zones)} zones{why}"
     )
 

@@ -10,7 +10,7 @@ from ..blasts.blast import Blast
 from ..errors import InputError, named_error
 from ..mesh.faces import face_vectors, zone_of_face
 from ..mesh.hexahedra import face_nodes, face_shapes, face_slopes
-from ..mesh.mesh import locate, surface_faces, surface_zones
+from ..mesh.mesh import locate_in_zones, surface_faces, surface_zones
 from ..model.model import Model, Receiver, SpongeLayer
 from ..model.source import AirBlast, Column, Hole, MomentTensor, PointForce, Pressure, TimeFunction
 from ..solver.injection import near_receivers
@@ -172,7 +172,7 @@ def _refuse_above(mesh, position):
     except InputError:  # outside in plan, or a mesh without a top
         return
     try:
-        locate(mesh, position[None])
+        locate_in_zones(mesh, position[None])
     except InputError:
         if position[2] > ground:
             x, y, z = position
@@ -185,7 +185,7 @@ def _refuse_above(mesh, position):
 
 def _locate(mesh, positions):
     """Refuse positions (n, 3) outside of a mesh or in its absorbing layer."""
-    locate(mesh, positions)
+    locate_in_zones(mesh, positions)
     if mesh.layer is None:
         return
     inside = mesh.layer.depths(positions).max(axis=1) > 0.0
@@ -196,7 +196,7 @@ def _locate(mesh, positions):
         )
 
 
-def box_of(rows) -> tuple[tuple[float, float], tuple[float, float], tuple[float, float]]:
+def axis_limits(rows) -> tuple[tuple[float, float], tuple[float, float], tuple[float, float]]:
     """Return the low and high ends of a box (3, 2) along x, y and z."""
     x, y, z = ((low, high) for low, high in rows)
     return x, y, z
@@ -206,13 +206,13 @@ def make_absorbing_layer(config):
     """Return the absorbing layer of a `Config`: given, or the padding around sources, or None."""
     if config.absorbing_layer is not None:
         layer = config.absorbing_layer
-        return SpongeLayer(box_of(layer.box_m), layer.width_m, layer.lowest_hz)
+        return SpongeLayer(axis_limits(layer.box_m), layer.width_m, layer.lowest_hz)
     mesh = config.mesh
     inside = config.holes_inside or config.point_forces or config.moment_tensors
     if mesh.padding_m is None or not inside:
         return None
     ends = zip(mesh.origin_m, mesh.size_m, strict=True)
-    return SpongeLayer(box_of((low, low + size) for low, size in ends), mesh.padding_m)
+    return SpongeLayer(axis_limits((low, low + size) for low, size in ends), mesh.padding_m)
 
 
 def radiating_positions(project) -> np.ndarray:

@@ -223,7 +223,7 @@ def plain(value) -> Any:
     return value
 
 
-def summarise(project, checked, run, simulated, comparisons):
+def summarise_run(project, checked, run, simulated, comparisons):
     """Return the summary of a run, SI, angles as tangents.
 
     Parameters

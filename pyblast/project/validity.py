@@ -7,7 +7,7 @@ import numpy as np
 from scipy.spatial import KDTree
 
 from ..errors import Finding, InputError
-from ..mesh.mesh import edge_lengths
+from ..mesh.mesh import zone_edge_lengths
 from ..signals.spectra import highest_frequency
 from ..units import plain_number
 from .inputs import LEAST_PEAK, NEARLY, held_shares, input_band, unfiltered
@@ -126,7 +126,7 @@ def _least(project: Project, zones, points):
     """Return the frequency in Hz that zones next to points carry, and which ground sets it."""
     model = project.model
     mesh, (_, zone) = model.mesh, zones.query(points)
-    edges = model.edges_per_wavelength * edge_lengths(mesh)[zone].mean(axis=1)
+    edges = model.edges_per_wavelength * zone_edge_lengths(mesh)[zone].mean(axis=1)
     speed, group = model.zone_values("cs")[zone], mesh.zone_group[zone]
     layers = project.config.mesh.layers
     height = {part.material: part.thickness_m for part in layers if part.thickness_m is not None}

@@ -7,7 +7,7 @@ from ..project.result import plain, write_text
 from . import figures
 from .figures import INK, SIMULATED, _figure, _tidy, _uri
 from .run import page, with_waveforms
-from .survey_design import best_candidates, result_figures, slip_lines, summary_lines, survey_figure
+from .survey_design import best_candidates, result_figures, slip_lines, survey_figure, survey_lines
 
 MOST_HELD = 4  # held properties listed for a parameter
 LEAST_SHARE = 0.05  # of the variance of a parameter: smaller is not listed
@@ -158,7 +158,7 @@ def write_search_report(path, summary, confirmed):
         s=plain(summary),
         laboratory=any(row["laboratory"] is not None for row in summary["parameters"]),
         candidates=[] if plan is None else plain(best_candidates(plan)),
-        lines=[] if plan is None else summary_lines(plan),
+        lines=[] if plan is None else survey_lines(plan),
         fit=fit_lines(summary["fit"]),
         slip=[
             line for name, blast in summary["blasts"].items() for line in slip_lines(name, blast)

@@ -16,7 +16,7 @@ from ..diagnosis.decision import (
 from ..diagnosis.fitting import Fit
 from ..diagnosis.hypotheses import LIBRARY
 from ..diagnosis.search import material, means
-from ..diagnosis.summary import acts, not_computed, summary_lines
+from ..diagnosis.summary import acts, diagnosis_lines, not_computed
 from ..diagnosis.thresholds import (
     DECISIVE,
     FAR_FROM_PRIOR,
@@ -31,7 +31,7 @@ from ..project.result import plain, write_text
 from ..units import FACTORS
 from .diagnosis_figures import (
     BEFORE,
-    Diagnosis,
+    Diagnosed,
     Figure,
     fits_shown,
     held_out_figures,
@@ -62,7 +62,7 @@ USUAL = {
 COUNTS = {2: "Two", 3: "Three"}
 
 
-def write_diagnosis_report(path, diagnosis: Diagnosis, summary: dict):
+def write_diagnosis_report(path, diagnosis: Diagnosed, summary: dict):
     """Write the page of a diagnosis.
 
     Parameters
@@ -75,7 +75,7 @@ def write_diagnosis_report(path, diagnosis: Diagnosis, summary: dict):
     write_text(path, render_diagnosis(diagnosis, summary))
 
 
-def render_diagnosis(diagnosis: Diagnosis, summary: dict) -> str:
+def render_diagnosis(diagnosis: Diagnosed, summary: dict) -> str:
     """Return the page as text; every name that users give is escaped.
 
     A figure or a sentence that fails is left out and named at the end; if the page itself fails,
@@ -89,7 +89,7 @@ def render_diagnosis(diagnosis: Diagnosis, summary: dict) -> str:
             meanings=MEANINGS, failures=not_computed(failures), **lists, **parts
         )
     with contained(failures, "lines"):
-        parts["lines"] = summary_lines(summary)
+        parts["lines"] = diagnosis_lines(summary)
     lines = parts.get("lines", [f"outcome: {summary['outcome']}"])
     return page("diagnosis_lines.html").render(
         lines=lines, failures=not_computed(failures), **lists
@@ -137,7 +137,7 @@ def _parts(diagnosis, summary, failures):
     return parts
 
 
-def lead(diagnosis: Diagnosis, summary: dict) -> str:
+def lead(diagnosis: Diagnosed, summary: dict) -> str:
     """Return the result in a few sentences, which begin the page."""
     outcome, decision = summary["outcome"], diagnosis.decision
     if outcome == "MISTAKE":
@@ -176,7 +176,7 @@ def lead(diagnosis: Diagnosis, summary: dict) -> str:
     untested = [label for label in decision.fit.labels if label in untestable]
     if outcome in ("CLASS", "PARTIAL") and untested:
         reason = untestable[untested[0]]
-        basis += f" But these records cannot test {listed(untested)}: {reason}."
+        basis += f" But these records cannot test {joined_by_and(untested)}: {reason}."
     elif outcome == "PARTIAL" and _more_remains(diagnosis):
         basis += f" But something else is missing{_near(summary['remainder'])}."
     elif outcome == "PARTIAL" and not summary["finished"]:
@@ -207,8 +207,8 @@ def _why_not(summary):
         ]
         if far:
             return (
-                f"the calibration takes it up: {listed(far)} lies more than {FAR_OFF:g} prior "
-                "deviations off, and no effect of the library scores"
+                f"the calibration takes it up: {joined_by_and(far)} lies more than {FAR_OFF:g} "
+                "prior deviations off, and no effect of the library scores"
             )
         return "what scores in the library could not be fitted"
     if not evidence["ranking"]:
@@ -254,7 +254,7 @@ def where(kind: str, targets: list[str]) -> str:
     """Return the targets of an effect with their kind."""
     if not any(targets):
         return "whole site"
-    return f"{kind}{'s' if len(targets) > 1 else ''} {listed(targets)}"
+    return f"{kind}{'s' if len(targets) > 1 else ''} {joined_by_and(targets)}"
 
 
 def _near(located):
@@ -267,11 +267,11 @@ def _near(located):
         f" near east {p['x']:.0f} m, north {p['y']:.0f} m (within {0.5 * p['resolution_m']:.0f} m)"
         for p in located["points"]
     )
-    seen = f", seen at {listed(names)}" if names else ", seen"
+    seen = f", seen at {joined_by_and(names)}" if names else ", seen"
     return f"{points}{seen} at {f0:.3g} to {f1:.3g} Hz, {t0:.2g} to {t1:.2g} s after the first hole"
 
 
-def listed(words: Sequence[str]) -> str:
+def joined_by_and(words: Sequence[str]) -> str:
     """Join words by commas and "and"."""
     return _joined(words, "and")
 
@@ -281,7 +281,7 @@ def _joined(words, last):
     return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} {last} {words[-1]}"
 
 
-def ranking_rows(diagnosis: Diagnosis) -> list[dict]:
+def ranking_rows(diagnosis: Diagnosed) -> list[dict]:
     """Return the effects that were fitted, best first, with their claims.
 
     Probabilities are those of single effects; there are none if several act together.
@@ -307,7 +307,7 @@ def _name(fit, others):
 
     def name(each):
         targets = list(dict.fromkeys(effect.target for effect in each.effects if effect.target))
-        return " + ".join(each.labels) + (f" at {listed(targets)}" if targets else "")
+        return " + ".join(each.labels) + (f" at {joined_by_and(targets)}" if targets else "")
 
     forms = " + ".join(dict.fromkeys(e.hypothesis.form for e in fit.effects if e.hypothesis.form))
     alike = sum(name(other) == name(fit) for other in others) > 1 and forms
@@ -326,7 +326,7 @@ def required_evidence(summary: dict) -> float:
     return max(summary["evidence"]["null_threshold"] or 0.0, DECISIVE)
 
 
-def class_rows(diagnosis: Diagnosis, summary: dict) -> list[dict]:
+def class_rows(diagnosis: Diagnosed, summary: dict) -> list[dict]:
     """Return the effects that the records cannot distinguish, with what would decide."""
     known = {
         e.label: (e.hypothesis.claim, e.hypothesis.decided_by)
@@ -408,7 +408,7 @@ def _limit_sentence(limit):
     beside = [f"{name} {amount:.2g}" for name, amount in limit["beside"].items()]
     given = f" (with {', '.join(beside)})" if beside else ""
     missed = limit["not_detected_at"]
-    but = f", but not at {listed(missed)}" if missed else ""
+    but = f", but not at {joined_by_and(missed)}" if missed else ""
     return f"{of}: {limit['parameter']} of {size}{given} would have been detected{but}."
 
 
@@ -420,7 +420,7 @@ def calibration_rows(summary: dict) -> list[dict]:
     ]
 
 
-def assumptions(diagnosis: Diagnosis, summary: dict) -> list[str]:
+def assumptions(diagnosis: Diagnosed, summary: dict) -> list[str]:
     """Return the assumptions of a diagnosis, one sentence each."""
     scene = diagnosis.search.scene
     case, quality = scene.case, quality_of(scene.case.project)
@@ -455,12 +455,12 @@ def assumptions(diagnosis: Diagnosis, summary: dict) -> list[str]:
     if case.dead:
         sentences.append(f"Dead channels are not used: {', '.join(case.dead)}.")
     if summary["data_quality"]["receivers_without_records"]:
-        names = listed(summary["data_quality"]["receivers_without_records"])
+        names = joined_by_and(summary["data_quality"]["receivers_without_records"])
         sentences.append(f"Receivers without records are not used: {names}.")
     if case.near:
         sentences.append(
             f"Receivers so near a source that the mesh makes errors above 20 % (D38) are not used: "
-            f"{listed(case.near)}."
+            f"{joined_by_and(case.near)}."
         )
     if not summary["finished"]:
         sentences.append("The budget of runs ended before the search was complete.")

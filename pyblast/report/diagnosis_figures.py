@@ -35,7 +35,7 @@ EDGE_ON = 1e-3  # of the area of a plane, seen from its edge
 MARGIN = 0.04  # of the box, around it
 
 
-class Diagnosis(Protocol):
+class Diagnosed(Protocol):
     """What a report needs of a diagnosis."""
 
     @property
@@ -49,7 +49,7 @@ class Diagnosis(Protocol):
         ...
 
 
-def fits_shown(diagnosis: Diagnosis) -> dict[str, Fit]:
+def fits_shown(diagnosis: Diagnosed) -> dict[str, Fit]:
     """Return the fits that figures compare, by title: without effects, and with them if any."""
     fits = {BEFORE: diagnosis.search.without_effects}
     decided = diagnosis.decision.fit
@@ -230,7 +230,7 @@ def holes_figure(values, prior, label):
     return _uri(figure)
 
 
-def held_out_figures(diagnosis: Diagnosis) -> Iterator[Figure]:
+def held_out_figures(diagnosis: Diagnosed) -> Iterator[Figure]:
     """Draw held-out records and their prediction; without effects, the receiver explained worst."""
     scene, without = diagnosis.search.scene, diagnosis.search.without_effects
     case = scene.case

@@ -10,8 +10,8 @@ from matplotlib.tri import Triangulation
 from ..errors import ReadError
 from ..mesh.faces import face_table, face_vectors, pair_faces, zone_of_face
 from ..mesh.hexahedra import face_nodes
-from ..mesh.mesh import edge_lengths
-from ..project.checks_ground import carried_frequency
+from ..mesh.mesh import zone_edge_lengths
+from ..project.checks_ground import frequency_of_edge
 from ..project.result import write_text
 from ..solver.initial_stress import yield_states
 from ..units import plain_number
@@ -55,7 +55,7 @@ def _upward(points, triangles):
     return triangles[normal[:, 2] > UPWARD * np.linalg.norm(normal, axis=1)]
 
 
-def surface(result):
+def shown_surface(result):
     """Return points (n_points, 3) m, triangles (n, 3) and peak velocity m/s of what a plan shows.
 
     Without the padding of an absorbing layer; the peaks are None where the result holds none.
@@ -81,7 +81,7 @@ def plan_figure(result):
     str or None
         A data URI; None where no face looks upward.
     """
-    (points, triangles, peak), summary = surface(result), result.summary
+    (points, triangles, peak), summary = shown_surface(result), result.summary
     if not len(triangles):
         return None
     plan = Triangulation(points[:, 0], points[:, 1], triangles)
@@ -289,7 +289,7 @@ def write_surface(folder, result):
     result : Result
         One without peak velocities, or without faces that look upward, writes nothing.
     """
-    points, triangles, peak = surface(result)
+    points, triangles, peak = shown_surface(result)
     if peak is None or not len(triangles):
         return
     node = np.unique(triangles)
@@ -350,11 +350,11 @@ def _on_grid(corners, values, east, north):
 def zone_fields(model):
     """Return the fields of zones: group, block, highest frequency carried; dict of (n_zones,)."""
     mesh = model.mesh
-    edge = edge_lengths(mesh).mean(axis=1)
+    edge = zone_edge_lengths(mesh).mean(axis=1)
     return {
         "group": mesh.zone_group.astype(np.int32),
         "block": mesh.blocks().astype(np.int32),
-        "f_max": carried_frequency(model.zone_values("cs"), edge, model.edges_per_wavelength),
+        "f_max": frequency_of_edge(model.zone_values("cs"), edge, model.edges_per_wavelength),
     }
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..line_records.shots import Shot
+from ..line_records.shots import ShotGather
 from ..line_records.waves import Picks, rayleigh_speeds
 from ..project.result import write_text
 from .figures import FAULT, INK, RECORDED, SIMULATED, _figure, _tidy, _uri
@@ -73,7 +73,7 @@ class LineView:
     Parameters
     ----------
     name : str
-    shot : Shot
+    shot : ShotGather
         The shot to draw.
     file : str
         File of the shot.
@@ -84,13 +84,13 @@ class LineView:
     """
 
     name: str
-    shot: Shot
+    shot: ShotGather
     file: str
     picks: dict[str, Picks]
     outcomes: list[dict]
 
 
-def summary_lines(summary: dict) -> list[str]:
+def records_lines(summary: dict) -> list[str]:
     """Return the outcome of an analysis of records, one sentence a line.
 
     Parameters
@@ -208,7 +208,7 @@ def write_records_report(path: str | Path, summary: dict, views: Sequence[LineVi
     heads = ("title", "caption", "image")
     text = page("records.html").render(
         s=summary,
-        lines=summary_lines(summary),
+        lines=records_lines(summary),
         rows=rows,
         figures=[dict(zip(heads, row, strict=True)) for row in figures],
     )

@@ -197,11 +197,11 @@ def page(name):
         loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True
     )
     environment.filters |= {
-        "number": number,
-        "scaled": scaled,
+        "number": shown_number,
+        "scaled": shown_in_unit,
         "angle": angle,
         "plain": plain_number,
-        "share": share,
+        "share": share_of_limit,
     }
     return environment.get_template(name)
 
@@ -332,7 +332,7 @@ def _plan_figures(result):
     if image is None:
         return
     words = "Plan of the model"
-    if maps.surface(result)[2] is not None:
+    if maps.shown_surface(result)[2] is not None:
         words += (
             f" with contours of the peak vector sum over its surface, up to "
             f"{result.summary['band']['input_hz']:.3g} Hz (surface_peaks.csv and .asc)"
@@ -473,7 +473,7 @@ def _assumed_under(assumed):
     return lambda *tables: [key for key in assumed if key.split(".")[0] in tables]
 
 
-def number(value, digits=3):
+def shown_number(value, digits=3):
     """Show a number with some digits, a dash where there is none."""
     if value is None or (isinstance(value, float) and math.isnan(value)):
         return "–"
@@ -482,12 +482,12 @@ def number(value, digits=3):
     return plain_number(value, digits) if abs(value) < 1e9 else f"{value:.{digits}g}"
 
 
-def scaled(value, factor, digits=3):
+def shown_in_unit(value, factor, digits=3):
     """Show an SI value in another unit, ``factor`` of them per SI unit."""
-    return number(None if value is None else float(value) * factor, digits)
+    return shown_number(None if value is None else float(value) * factor, digits)
 
 
-def share(value):
+def share_of_limit(value):
     """Show a share of a limit in percent, above 10 as a factor."""
     if value is None:
         return "–"
@@ -496,4 +496,4 @@ def share(value):
 
 def angle(tangent):
     """Show the angle in degrees of a tangent."""
-    return number(None if tangent is None else math.degrees(math.atan(tangent)))
+    return shown_number(None if tangent is None else math.degrees(math.atan(tangent)))

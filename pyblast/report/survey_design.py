@@ -117,7 +117,7 @@ def best_candidates(survey):
     return more + kinds["without"]
 
 
-def summary_lines(survey) -> list[str]:
+def survey_lines(survey) -> list[str]:
     """Return sentences on trade-offs, parameters that are not identifiable, and candidates."""
     lines = [
         f"{row['first']} and {row['second']} trade off: their posterior correlation is "
@@ -188,7 +188,7 @@ def write_survey_report(path, summary):
     title, caption, image = survey_figure(summary["plan"])
     text = page("survey_design.html").render(
         s=plain(summary), candidates=plain(best_candidates(summary["plan"])),
-        lines=summary_lines(summary["plan"]),
+        lines=survey_lines(summary["plan"]),
         figures=[{"title": title, "caption": caption, "image": image}],
     )  # fmt: skip
     write_text(path, text)

@@ -13,7 +13,7 @@ import scipy.sparse
 
 from ..core import BATCH_SIZE, JOINT_LAWS
 from ..errors import InputError
-from ..mesh.mesh import locate
+from ..mesh.mesh import locate_in_zones
 from ..model.boundary import StressInput, VelocityInput
 from ..model.joint import FAILED, SLIP, STATUS, STICKING_JOINTS
 from ..model.model import Model, Receiver
@@ -398,7 +398,9 @@ def cluster_error(model: Model, within: float, highest: float) -> float:
     At the highest frequency in Hz and the smallest cs at a source; about the largest relative error
     of the motion.
     """
-    zones, _ = locate(model.mesh, [position_of(source) for source in _point_sources(model)])
+    zones, _ = locate_in_zones(
+        model.mesh, [position_of(source) for source in _point_sources(model)]
+    )
     slowest = np.broadcast_to(model.zone_values("cs"), len(model.mesh.zones))[zones].min()
     return float(2.0 * np.pi * highest * within / slowest)
 
@@ -544,7 +546,7 @@ def _in_components(receivers, pushes, response):
 def _receiver_loads(model, prepared, number):
     """Return the loads of a unit step of force at a receiver, along one axis: its own weights."""
     receiver, direction = _pushes(model.receivers)[number]
-    zone, local = locate(model.mesh, model.receivers[receiver].position)
+    zone, local = locate_in_zones(model.mesh, model.receivers[receiver].position)
     nodes = model.nodes.zone_nodes[zone[0]]
     n_steps = prepared.n_steps + 1
     return {

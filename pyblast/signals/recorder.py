@@ -33,7 +33,7 @@ def recorded(seismogram: Seismogram, chain: Sequence[Operator]) -> Seismogram:
     return seismogram
 
 
-def geophone(corner: float, damping: float = 0.7) -> Operator:
+def geophone_response(corner: float, damping: float = 0.7) -> Operator:
     """Return the response of a geophone: second-order high-pass of velocity; theory.md (7.6).
 
     Parameters

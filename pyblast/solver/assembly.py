@@ -21,7 +21,7 @@ from ..core import (
     stored_at_rest,
     to_fortran,
 )
-from ..mesh.mesh import locate, volumes
+from ..mesh.mesh import locate_in_zones, zone_volumes
 from ..mesh.nodes import MOST, Nodes, stored
 from ..mesh.tetrahedra import shape_gradients
 from ..mesh.tetrahedra import volumes as tetrahedron_volumes
@@ -179,7 +179,7 @@ def time_step(model: Model, progress: Callable | None = None) -> Step:
 
 def _time_step(model, progress):
     """Search for the time step of a model."""
-    mass = model.zone_values("density") * volumes(model.mesh)
+    mass = model.zone_values("density") * zone_volumes(model.mesh)
     if model.mesh.hexahedral:
         mass = model.nodes.sums(mass)
         most = MOST_PRODUCTS * (1 if model.mesh.layer is None else 2)
@@ -297,7 +297,7 @@ def _ground_arrays(model, step):
     """Return the arrays that depend on mesh, materials and joints."""
     mesh, nodes = model.mesh, model.nodes
     dt, limit = step
-    mass = model.zone_values("density") * volumes(mesh)
+    mass = model.zone_values("density") * zone_volumes(mesh)
     node_mass = nodes.sums(mass) + _fill_mass(model)
     drag = nodes.sums(model.zone_damping("alpha") * mass)
     contacts = _contacts(model)
@@ -472,7 +472,9 @@ def dynamic_arrays(
     none = np.zeros((0, nodes.zone_nodes.shape[1]))
     node, weight = none.astype(np.int32), none
     if model.receivers:
-        zone, weight = locate(model.mesh, [receiver.position for receiver in model.receivers])
+        zone, weight = locate_in_zones(
+            model.mesh, [receiver.position for receiver in model.receivers]
+        )
         node, weight = nodes.zone_nodes[zone], nodes.shapes(weight)
     arrays = loads.arrays(geometry["dt"] * np.arange(n_steps))
     return {

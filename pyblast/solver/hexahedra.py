@@ -227,7 +227,9 @@ def in_layer(model: Model) -> np.ndarray:
     return model.mesh.layer.depths(model.mesh.node_places.mean(axis=1)) > 0.0
 
 
-def stretches(layer: AbsorbingLayer, places: np.ndarray, fastest: float, dt: float) -> np.ndarray:
+def axis_stretches(
+    layer: AbsorbingLayer, places: np.ndarray, fastest: float, dt: float
+) -> np.ndarray:
     """Return the stretch of the axes at places; theory.md (4.15), (4.16).
 
     Parameters
@@ -284,9 +286,9 @@ def layer_arrays(model: Model, arrays: dict[str, Any], member: np.ndarray) -> di
         lines = np.moveaxis(depth[..., axis], 3 - axis, 1).reshape(member.shape[1], n_line, -1)
         if np.ptp(lines, axis=2).max() > ACROSS:
             raise InputError("layer: its axes must be those of the zones in it, as in a grid")
-    at = stretches(layer, places, fastest, dt)
+    at = axis_stretches(layer, places, fastest, dt)
     picked = np.take_along_axis(at, slab_axis[:, None, None, None, None], axis=3)[:, :, :, 0]
-    at_nodes = stretches(layer, nodes.points, fastest, dt)
+    at_nodes = axis_stretches(layer, nodes.points, fastest, dt)
     layer_node = np.unique(nodes.zone_nodes[own])
     at_once = at_nodes[..., 0] + at_nodes[..., 1] * at_nodes[..., 2]
     mass = arrays["node_mass"]
@@ -333,7 +335,7 @@ def _crossings(model, fastest, dt):
     within = np.flatnonzero((layer.depths(places) > 0.0).any(axis=1))
     if not len(within):
         return none
-    stretch = stretches(layer, places[within], fastest, dt)
+    stretch = axis_stretches(layer, places[within], fastest, dt)
     across = np.abs(contacts.normal[within] @ np.array(layer.frame, dtype=float).T) > PARALLEL
     stretch[across] = _no_stretch(1)[0, 0]
     return {"crossing_part": within.astype(np.int32), "crossing_stretch": stretch}

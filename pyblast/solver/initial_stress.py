@@ -7,7 +7,7 @@ import scipy
 
 from ..core import JOINT_LAWS, ZONE_LAWS
 from ..errors import InputError
-from ..mesh.mesh import volumes
+from ..mesh.mesh import zone_volumes
 from ..mesh.spectral_nodes import SpectralNodes
 from ..mesh.tetrahedra import shape_gradients
 from ..model.joint import carried_over
@@ -39,7 +39,7 @@ def overburden_stress(model: Model, places: np.ndarray | None = None) -> np.ndar
     mesh, insitu = model.mesh, _insitu(model)
     centres = mesh.points[mesh.zones].mean(axis=1)
     at = centres if places is None else places
-    volume = volumes(mesh)
+    volume = zone_volumes(mesh)
     low, high = mesh.points[:, 2].min(), mesh.points[:, 2].max()
     levels = np.linspace(low, high, BINS + 1)
     weight = np.histogram(centres[:, 2], levels, weights=volume * model.zone_values("density"))[0]
@@ -83,7 +83,7 @@ def corner_forces(model: Model) -> np.ndarray:
     if isinstance(nodes, SpectralNodes):
         stress = insitu_stress(model, nodes.points)[nodes.zone_nodes]
         return nodes.stress_forces(stress[:, :, TENSOR])
-    volume = volumes(mesh)
+    volume = zone_volumes(mesh)
     zones = np.arange(len(volume))
     if model.quadratic:
         at = insitu_stress(model, mesh.points)[mesh.zones]
@@ -106,7 +106,7 @@ def joint_tractions(model: Model) -> np.ndarray:
         at = insitu_stress(model, nodes.points[contacts.minus])
         return np.einsum("cij,cj->ci", at[:, TENSOR], contacts.normal)
     stress = insitu_stress(model)
-    volume = volumes(nodes.mesh)
+    volume = zone_volumes(nodes.mesh)
     mean = np.stack([nodes.sums(volume * stress[:, k]) for k in range(6)], axis=1)
     both = mean[contacts.minus] + mean[contacts.plus]
     space = nodes.sums(volume)
@@ -157,7 +157,7 @@ def static_loads(model: Model, geometry: dict[str, Any]) -> tuple[np.ndarray, np
     corner = corner_forces(model)
     load = np.zeros_like(nodes.points)
     np.add.at(load, nodes.zone_nodes, corner)
-    mass = model.zone_values("density") * volumes(model.mesh)
+    mass = model.zone_values("density") * zone_volumes(model.mesh)
     load[:, 2] -= _insitu(model).gravity * nodes.sums(mass)
     traction = geometry["contact_initial"]
     if nodes.contacts is not None and nodes.contacts.names:
@@ -184,7 +184,7 @@ def _pace(model, dt):
     if model.mesh.hexahedral:
         return {"dt": dt * min(1.0, STATIC_STEP_FACTOR / model.step_factor)}
     nodes = model.nodes
-    own = model.zone_values("density") * volumes(model.mesh) * model_frequencies(model)
+    own = model.zone_values("density") * zone_volumes(model.mesh) * model_frequencies(model)
     mass = nodes.sums(own) + 2.0 * contact_bounds(model)[0]
     if model.quadratic:  # their frequencies are estimates
         product = with_joints(model, zone_product(model, mass), mass)

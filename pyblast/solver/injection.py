@@ -12,7 +12,7 @@ from scipy.interpolate import BSpline, make_interp_spline
 
 from ..mesh import hexahedra
 from ..mesh.faces import zone_of_face
-from ..mesh.mesh import edge_lengths, locate
+from ..mesh.mesh import locate_in_zones, zone_edge_lengths
 from ..mesh.quality import explicit_work
 from ..model.half_space import direct_wave, reflected_waves
 from ..model.material import Material
@@ -192,7 +192,7 @@ def _rock(model, zones):
     factor = model.speed_factor_at(places, np.repeat(zones, mesh.node_places.shape[1]))
     if np.ptp(factor) > UNIFORM:
         return "the speeds vary within an element of a source"
-    edge = float(edge_lengths(mesh)[zones].max())
+    edge = float(zone_edge_lengths(mesh)[zones].max())
     omega = np.pi * rock.cs / (model.edges_per_wavelength * edge)  # half of what is carried
     loss = model.group_damping("alpha")[groups[0]] / omega
     loss += model.group_damping("beta")[groups[0]] * omega
@@ -221,7 +221,7 @@ def _boundary_nodes(model, inside):
     ends = nodes.zone_nodes[zone[:, None], table[local]]
     heights = nodes.points[ends, 2]
     highest = nodes.points[nodes.zone_nodes[inside], 2].max()
-    edge = float(edge_lengths(mesh)[inside].min())
+    edge = float(zone_edge_lengths(mesh)[inside].min())
     free = (np.abs(heights - highest) <= FLAT * edge).all(axis=1) & ~bound[ends].any(axis=1)
     whole = np.zeros(len(nodes.points), dtype=bool)
     whole[nodes.zone_nodes[inside]] = True
@@ -231,7 +231,7 @@ def _boundary_nodes(model, inside):
 
 def carried(model: Model, patch: Patch) -> float:
     """Return the frequency in Hz that the zones of a patch carry."""
-    edge = float(edge_lengths(model.mesh)[patch.zones].max())
+    edge = float(zone_edge_lengths(model.mesh)[patch.zones].max())
     return patch.rock.cs / (model.edges_per_wavelength * edge)
 
 
@@ -307,7 +307,7 @@ def _of_receivers(model, patch, field, velocity, number):
     if not model.receivers:
         return motion
     places = np.array([receiver.position for receiver in model.receivers], dtype=float)
-    zone, local = locate(model.mesh, places)
+    zone, local = locate_in_zones(model.mesh, places)
     near = np.flatnonzero(np.isin(zone, patch.zones))
     if not len(near):
         return motion
@@ -325,7 +325,7 @@ class _Field:
     def __init__(self, model, patch, dt, n_steps):
         """Group the sources by moment rate and depth."""
         self.patch, self.dt, self.n_steps = patch, dt, n_steps
-        self.edge = float(edge_lengths(model.mesh)[patch.zones].min())
+        self.edge = float(zone_edge_lengths(model.mesh)[patch.zones].min())
         self.highest = carried(model, patch)
         self.groups = {}
         for source in _explosions(model).values():

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..errors import InputError
-from ..mesh.mesh import locate, surface_areas, surface_zones
+from ..mesh.mesh import locate_in_zones, surface_areas, surface_zones
 from ..model.anisotropy import impedance, stiffness_of
 from ..model.boundary import Fixed, Roller, StressInput, VelocityInput, Viscous
 from ..model.model import Model
@@ -179,7 +179,7 @@ def add_velocity_input(loads: Loads, boundary: VelocityInput, dt: float) -> list
 def _add_force(loads, model, source):
     """Add a point force, distributed to the nodes of its zone; theory.md (5.3)."""
     nodes = model.nodes
-    zone, weight = locate(model.mesh, source.position)
+    zone, weight = locate_in_zones(model.mesh, source.position)
     vectors = nodes.shapes(weight)[0][:, None] * np.asarray(source.direction, dtype=float)
     loads.add(nodes.zone_nodes[zone[0]], vectors, loads.add_history(source.history))
 
@@ -198,7 +198,7 @@ def _add_tensor(loads, model, source):
 def _add_column(loads, model, column):
     """Add the points of a column, with detonation delays; theory.md (5.9)."""
     middle, _ = column.points(1)
-    zone, _ = locate(model.mesh, middle)
+    zone, _ = locate_in_zones(model.mesh, middle)
     material = model.materials[model.mesh.groups[model.mesh.zone_group[zone[0]]]]
     radius = source_radius(model.nodes, int(zone[0]), middle[0])
     length = np.linalg.norm(np.subtract(column.end, column.primed))
@@ -211,7 +211,7 @@ def _add_column(loads, model, column):
 def _add_moments(loads, model, source, positions, tensor, given, delays=(0.0,)):
     """Add a moment tensor at positions: the isotropic part, and the rest by a flat density."""
     nodes, positions = model.nodes, np.asarray(positions, dtype=float)
-    zones, _ = locate(nodes.mesh, positions)
+    zones, _ = locate_in_zones(nodes.mesh, positions)
     radii = [source_radius(nodes, *each, given) for each in zip(zones, positions, strict=True)]
     # One width for all: the far field sees the mean square of the radii.
     width = np.sqrt(np.mean(np.square(radii))) / model.zone_values("cp")[zones].mean()

@@ -8,10 +8,12 @@ from typing import Any
 import h5py
 import numpy as np
 
+from .. import core
 from ..errors import InputError, ReadError
 
 SCHEMA = 1
 MAX_BYTES = 16 * 2**30
+PIECE = 2**20  # bytes that share a checksum
 _FILTERS = {"gzip", "shuffle", "fletcher32", None}
 
 
@@ -53,14 +55,26 @@ def write_arrays(
 
 def _write_groups(storage, groups, attributes, array_attributes):
     """Write groups of arrays as HDF5 into a storage."""
-    with h5py.File(storage, "w", libver=("earliest", "v110")) as file:
-        file["run/schema"] = np.int32(SCHEMA)
+    with h5py.File(storage, "w", libver=("v108", "v110")) as file:  # tables have checksums, too
         for name, value in attributes.items():
             file.attrs[name] = value
+        groups = {**groups, "run": {"schema": np.int32(SCHEMA), **groups.get("run", {})}}
         for group, arrays in groups.items():
             for name, value in arrays.items():
-                dataset = file.create_dataset(f"{group}/{name}", data=value)
+                dataset = file.create_dataset(f"{group}/{name}", data=value, **_layout(value))
                 dataset.attrs.update(array_attributes.get(f"{group}/{name}", {}))
+
+
+def _layout(value):
+    """Return the layout of an array: pieces with checksums; a number stands in a table."""
+    shape, layout = np.shape(value), h5py.h5p.create(h5py.h5p.DATASET_CREATE)
+    if not shape:
+        layout.set_layout(h5py.h5d.COMPACT)
+    elif np.size(value):
+        rows = max(1, PIECE * shape[0] // np.asarray(value).nbytes)
+        layout.set_chunk((min(rows, shape[0]), *shape[1:]))
+        layout.set_fletcher32()
+    return {"dcpl": layout}
 
 
 class _Storage:
@@ -185,10 +199,55 @@ def write_model(
     input_hash : str
     added : dict of str to numpy array
         ``receiver_motion`` (n_steps, n_receivers, 3) in m/s of injected sources, if there are any.
+
+    Raises
+    ------
+    InputError
+        If an array breaks its row of fortran/arrays.toml, which that program holds against it.
     """
     steps = {name: np.int32(value) for name, value in run.items()}
-    groups = {"arrays": constants, "state": state, "run": steps | added}
+    groups = {
+        "arrays": constants,
+        "state": state,
+        "run": {"schema": np.int32(SCHEMA), **steps, **added},
+    }
+    _check_rows(groups)
     write_arrays(path, groups, {"kind": "model", "input_sha256": input_hash})
+
+
+def _check_rows(groups):
+    """Raise InputError where an array breaks its row of the table: shape, kind or range."""
+    sizes, indices = dict(core.SIZES), []
+    for (group, name), row in core.ARRAYS.items():
+        if group == "records" or ("optional" in row and name not in groups[group]):
+            continue
+        value, where = np.asarray(groups[group].get(name)), f"{group}/{name}"
+        axes = [axis.partition(" + ") for axis in row["shape"] if axis != "n_batch"]
+        for (size, _, more), length in zip(axes, value.shape, strict=False):
+            sizes.setdefault(size, int(size) if size.isdigit() else length - int(more or 0))
+        kind = "fi"["unit" not in row]
+        wanted = tuple(sizes.get(size, -1) + int(more or 0) for size, _, more in axes)
+        if value.dtype.kind != kind or value.shape != wanted:
+            raise InputError(
+                f"{where}: must be an array {wanted} of kind '{kind}', got {value.shape} of "
+                f"'{value.dtype.kind}'"
+            )
+        if kind == "i":
+            indices.append((where, value, row))
+        elif not _in_range(value, row.get("range", "finite")):
+            raise InputError(f"{where}: must be {row.get('range', 'finite')}")
+    for where, value, row in indices:
+        size, _, more = row.get("points", "").partition(" + ")
+        low, high = row.get("counts", (1 - row.get("none", False), sizes.get(size, np.inf)))
+        if value.min() < low or value.max() > high + int(more or 0):
+            raise InputError(f"{where}: must lie between {low} and {high + int(more or 0)}")
+
+
+def _in_range(values, range_):
+    """Return whether numbers are finite, or infinite where that is allowed, and of a sign."""
+    sign = values > 0.0 if range_ == "positive" else values >= 0.0
+    bounded = np.isfinite(values) | ((values == np.inf) & ("infinite" in range_))
+    return bool(np.all(bounded & (sign | (range_ == "finite"))))
 
 
 def write_checkpoint(

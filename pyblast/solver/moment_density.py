@@ -7,7 +7,7 @@ import numpy as np
 
 from ..mesh import hexahedra, tetrahedra
 from ..mesh.faces import zone_of_face
-from ..mesh.mesh import Mesh, edge_lengths, locate
+from ..mesh.mesh import Mesh, locate_in_zones, zone_edge_lengths
 from ..mesh.nodes import Nodes
 from ..mesh.spectral_nodes import SpectralNodes
 from ..model.model import Model
@@ -78,7 +78,7 @@ def source_radius(
     """
     mesh = nodes.mesh
     edge = edge_at(mesh, zone)
-    usual, least = RADII[kind_of(nodes)]
+    usual, least = RADII[element_kind(nodes)]
     if given is not None:
         linear = not (mesh.hexahedral or nodes.quadratic)  # whose gradients are those of centroids
         usual, least = given / edge, max(SMALLEST, min(given / edge, least) if linear else 0.0)
@@ -86,7 +86,7 @@ def source_radius(
     return float(max(min(radius, clearance(mesh, position, radius)), least * edge))
 
 
-def kind_of(nodes: Nodes | SpectralNodes) -> str:
+def element_kind(nodes: Nodes | SpectralNodes) -> str:
     """Return the kind of elements by which radii and errors are listed."""
     if nodes.mesh.hexahedral:
         return "hexahedra"
@@ -98,7 +98,7 @@ def source_radii(model: Model) -> list[float] | None:
     holes = [source for source in model.sources if isinstance(source, Hole)]
     if not holes:
         return None
-    zones, _ = locate(model.mesh, [hole.position for hole in holes])
+    zones, _ = locate_in_zones(model.mesh, [hole.position for hole in holes])
     radii = [
         source_radius(model.nodes, zone, hole.position, hole.spread)
         for zone, hole in zip(zones, holes, strict=True)
@@ -160,8 +160,8 @@ def near_sources(model: Model, resolved: tuple[int, ...] = ()) -> tuple[NearRece
     if not len(points) or not model.receivers:
         return ()
     mesh, rows = model.mesh, []
-    zones, local = locate(mesh, points)
-    edges = edge_lengths(mesh)[zones]
+    zones, local = locate_in_zones(mesh, points)
+    edges = zone_edge_lengths(mesh)[zones]
     edges = edges.max(axis=1) if mesh.hexahedral else edges.mean(axis=1)
     for receiver in model.receivers:
         away = np.linalg.norm(points - np.asarray(receiver.position, dtype=float), axis=1)
@@ -170,7 +170,7 @@ def near_sources(model: Model, resolved: tuple[int, ...] = ()) -> tuple[NearRece
         kind = _kind_of_error(model.nodes, source, zones[at], points[at], edges[at], local[at])
         error = float(np.interp(away[at] / edges[at], *ERRORS[kind]))
         if error > SMALL:
-            needed = float(away[at] / FOR_ONE_PER_CENT[kind_of(model.nodes)])
+            needed = float(away[at] / FOR_ONE_PER_CENT[element_kind(model.nodes)])
             row = receiver.name, numbers[at], float(away[at]), float(edges[at]), error, needed
             rows.append(NearReceiver(*row))
     return tuple(rows)
@@ -187,8 +187,8 @@ def edges_near(model: Model, resolved: tuple[int, ...] = ()) -> dict[int, np.nda
     places = np.array([receiver.position for receiver in model.receivers], dtype=float)
     if not len(points) or not len(places):
         return {}
-    zones, local = locate(model.mesh, points)
-    edges = edge_lengths(model.mesh)[zones].max(axis=1)
+    zones, local = locate_in_zones(model.mesh, points)
+    edges = zone_edge_lengths(model.mesh)[zones].max(axis=1)
     wanted = {}
     for point, number, zone, edge, at in zip(points, numbers, zones, edges, local, strict=True):
         kind = _kind_of_error(model.nodes, model.sources[number], zone, point, edge, at)
@@ -206,7 +206,7 @@ def edges_near(model: Model, resolved: tuple[int, ...] = ()) -> dict[int, np.nda
 
 def _kind_of_error(nodes, source, zone, point, edge, local):
     """Return the name of a table of errors, of a source by the radius of its sphere."""
-    kind = kind_of(nodes)
+    kind = element_kind(nodes)
     on_face = kind == "hexahedra" and np.abs(local).max() > ON_FACE
     if isinstance(source, PointForce):
         if kind != "hexahedra":

@@ -19,12 +19,13 @@ from ..diagnosis.case import Case, case_of
 from ..diagnosis.decision import FINER_MESH, Decision, decide, undecided
 from ..diagnosis.effects import HOLES, Scene, effects_of, predict
 from ..diagnosis.fitting import fit_calibrated
-from ..diagnosis.forward import Forward, finer_mesh
+from ..diagnosis.forward import Forward
 from ..diagnosis.mistakes import mistakes_of
 from ..diagnosis.search import Search, search
-from ..diagnosis.summary import held_out_blasts, known_so_far, not_computed, summarise
+from ..diagnosis.summary import held_out_blasts, known_so_far, not_computed, summarise_diagnosis
 from ..errors import InputError, ReadError, contained
 from ..project.case_folder import case_files, read_case_folder
+from ..project.elements import better_mesh
 from ..project.flat_box import check_holes, extent_of
 from ..project.level import expected_peaks, level_findings
 from ..project.project import Project, load_project, with_further
@@ -134,7 +135,7 @@ def diagnose(
     decision = undecided(done)
     with contained(failures, "decision"):
         decision = replace(decision, outcome="MISTAKE") if wrong else decide(done, finer)
-    summary = summarise(done, decision, mistakes)
+    summary = summarise_diagnosis(done, decision, mistakes)
     with contained(failures, "held-out blasts"):
         summary |= {"held_out_blasts": held_out_blasts(everything, scene, decision)}
     summary |= {"not_computed": not_computed(failures)}
@@ -188,7 +189,7 @@ def prepared(
     """
     failures = {} if failures is None else failures
     forward, finer = Forward(case, folder, executor), None
-    if not wrong and case.share is None and finer_mesh(case.project) is not None:
+    if not wrong and case.share is None and better_mesh(case.project) is not None:
         finer = Forward(case, folder, executor, fine=True)  # trusted shots show the mesh's error
     table = case.project.config.diagnosis
     fixed = wrong or case.share is not None or (table is not None and not table.calibrate)

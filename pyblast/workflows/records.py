@@ -10,7 +10,7 @@ import numpy as np
 from ..errors import InputError
 from ..line_records.field_records import FieldRecord, read_folder
 from ..line_records.quality import odd_channels, sensor_response
-from ..line_records.shots import Decision, Shot, shot_of
+from ..line_records.shots import EffectDecision, ShotGather, shot_of
 from ..line_records.waves import NEAREST, Picks, air_wave, phase_speeds, soft_layer
 from ..project.result import plain, write_summary
 from ..readers.provenance import ReadLog
@@ -43,7 +43,7 @@ class Line:
     """
 
     name: str
-    shots: list[Shot]
+    shots: list[ShotGather]
     files: list[str]
 
 
@@ -113,7 +113,7 @@ def analyse_records(
     summary = {
         "folder": folder.name,
         "geometry": None if geometry is None else Path(geometry).name,
-        "files": [quality_of(record) for record in records],
+        "files": [quality_of_record(record) for record in records],
         "skipped": [{"file": name, "reason": reason} for name, reason in skipped],
         "analyses": [row for row in results if "outcome" in row],
         "closed_lists": CLOSED_LISTS,
@@ -131,7 +131,7 @@ def analyse_records(
     return plain(summary), result
 
 
-def quality_of(record: FieldRecord) -> dict:
+def quality_of_record(record: FieldRecord) -> dict:
     """Return the quality of a file: sampling, dead channels, clipped samples, printed values."""
     gather = record.gather
     counts = gather.clipped.sum(axis=1)
@@ -155,12 +155,12 @@ def quality_of(record: FieldRecord) -> dict:
             {"name": name, "printed": printed, "from_samples": value}
             for name, printed, value, _ in wrong
         ],
-        "peaks": None if record.recording is None else peaks_of(record.recording),
+        "peaks": None if record.recording is None else peaks_of_record(record.recording),
         "notes": list(record.notes),
     }
 
 
-def peaks_of(recording: Recording) -> dict:
+def peaks_of_record(recording: Recording) -> dict:
     """Return peaks of the record of a blast seismograph: velocity, frequency, air overpressure."""
     motion = recording.seismogram
     return {
@@ -220,7 +220,7 @@ def lines_of(records: Sequence[FieldRecord]) -> tuple[list[Line], list[dict]]:
     return lines, refused
 
 
-def _shot(record: FieldRecord, name: str) -> Shot:
+def _shot(record: FieldRecord, name: str) -> ShotGather:
     """Return the receivers of a record on a line as a shot, ordered along the line."""
     own = np.array([n for n, line in enumerate(record.line) if line == name], dtype=int)
     gather = record.gather
@@ -273,7 +273,7 @@ def _of_line(line: Line, surface: tuple, air: tuple, seed: int) -> tuple[list[di
     return odd + air_waves + layers, view
 
 
-def _tried(analysis: str, line: str, analyse: Callable[[], list[Decision]]) -> list[dict]:
+def _tried(analysis: str, line: str, analyse: Callable[[], list[EffectDecision]]) -> list[dict]:
     """Return the outcomes of an analysis, or the reason for none."""
     try:
         return [_outcome(analysis, line, decision) for decision in analyse()]
@@ -281,7 +281,7 @@ def _tried(analysis: str, line: str, analyse: Callable[[], list[Decision]]) -> l
         return [_refusal(analysis, line, str(error))]
 
 
-def _outcome(analysis: str, line: str, decision: Decision) -> dict:
+def _outcome(analysis: str, line: str, decision: EffectDecision) -> dict:
     """Return a decision as plain numbers and words."""
     target = [int(part) + 1 if isinstance(part, int) else part for part in decision.target]
     return {
@@ -312,10 +312,10 @@ def _inside(band: tuple[float, float], dt: float) -> tuple[float, float]:
     return band[0], min(band[1], top)
 
 
-def _odd(line: Line, band: tuple[float, float], seed: int) -> list[Decision]:
+def _odd(line: Line, band: tuple[float, float], seed: int) -> list[EffectDecision]:
     """Look for odd channels with the shots that share most of the receivers."""
     shots = sorted(line.shots, key=lambda shot: -len(shot.channels))
-    chosen: list[Shot] = []
+    chosen: list[ShotGather] = []
     common = set(shots[0].channels.tolist())
     for shot in shots:
         shared = common & set(shot.channels.tolist())
@@ -328,7 +328,7 @@ def _odd(line: Line, band: tuple[float, float], seed: int) -> list[Decision]:
     return [_unless_noise(decision) for decision in channels]
 
 
-def _unless_noise(decision: Decision) -> Decision:
+def _unless_noise(decision: EffectDecision) -> EffectDecision:
     """Return a decision on an odd channel, unconfirmed where it shares nothing with neighbours."""
     if decision.outcome in ("NULL", "UNKNOWN") or (decision.held_out or (0.0, 0.0))[1] > NOISE:
         return decision
@@ -336,12 +336,12 @@ def _unless_noise(decision: Decision) -> Decision:
     return replace(decision, outcome="UNKNOWN", reason=decision.reason + why)
 
 
-def _air(line: Line, band: tuple[float, float], seed: int) -> list[Decision]:
+def _air(line: Line, band: tuple[float, float], seed: int) -> list[EffectDecision]:
     """Look for the air wave with up to two shots of each source place."""
     far = [shot for shot in line.shots if (shot.offsets > NEAREST).sum() >= FEWEST]
     if not far:
         raise InputError(f"no shot has {FEWEST} receivers beyond {NEAREST:g} m")
-    places: dict[float, list[Shot]] = {}
+    places: dict[float, list[ShotGather]] = {}
     for shot in far:
         if shot.dt == far[0].dt:
             places.setdefault(round(shot.source, 2), []).append(shot)
@@ -349,7 +349,7 @@ def _air(line: Line, band: tuple[float, float], seed: int) -> list[Decision]:
     return [air_wave(shots, _inside(band, shots[0].dt), seed=seed)]
 
 
-def _sides(line: Line) -> tuple[list[Shot], list[Shot]]:
+def _sides(line: Line) -> tuple[list[ShotGather], list[ShotGather]]:
     """Return the shots for the fit and for its test: those off either end, else alternate ones."""
     dt = line.shots[0].dt
     shots = [shot for shot in line.shots if shot.dt == dt]
@@ -362,8 +362,11 @@ def _sides(line: Line) -> tuple[list[Shot], list[Shot]]:
 
 
 def _layers(
-    line: Line, sides: tuple[list[Shot], list[Shot]], band: tuple[float, float], seed: int
-) -> list[Decision]:
+    line: Line,
+    sides: tuple[list[ShotGather], list[ShotGather]],
+    band: tuple[float, float],
+    seed: int,
+) -> list[EffectDecision]:
     """Fit a layer over a half-space to the dispersion of surface waves."""
     if min(map(len, sides)) < 3:
         off = sum(map(len, sides))

@@ -33,7 +33,7 @@ from ..project.result import (
     read_result,
     record_findings,
     seismogram_heads,
-    summarise,
+    summarise_run,
     write_csv,
     write_result,
     write_summary,
@@ -319,7 +319,7 @@ def _conclude(project: Project, checked: Check, run_: Run, folder: Path) -> Outc
             n: getattr(contacts, n) for n in ("joint", "minus", "plus", "normal", "area")
         },
     }  # fmt: skip
-    summary = summarise(project, checked, run_, simulated, comparisons)
+    summary = summarise_run(project, checked, run_, simulated, comparisons)
     summary["seismograms"] = seismogram_heads(groups)
     result = Result(arrays, summary)
     return Outcome(folder, simulated, comparisons, checked, run_, result)

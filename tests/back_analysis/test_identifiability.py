@@ -13,7 +13,7 @@ from pyblast.back_analysis.identifiability import (
     UNIFORM,
     FisherInformation,
     Sensitivities,
-    intervals,
+    posterior_intervals,
 )
 from pyblast.back_analysis.survey_design import (
     survey_receivers,
@@ -169,7 +169,9 @@ def test_silent_receivers_tell_nothing():
 
 def test_intervals_are_those_of_prior_and_data_together():
     share = 0.1
-    found = intervals(np.array([0.8]), FisherInformation(np.array([[1.0 / share**2 - 1.0]])))
+    found = posterior_intervals(
+        np.array([0.8]), FisherInformation(np.array([[1.0 / share**2 - 1.0]]))
+    )
 
     # the middle of the range, weighed by the share of its precision
     middle = 0.5 + (1.0 - share**2) * 0.3
@@ -177,7 +179,7 @@ def test_intervals_are_those_of_prior_and_data_together():
 
 
 def test_what_nothing_tells_keeps_nine_tenths_of_its_range_wherever_it_was_found():
-    found = intervals(np.array([0.95]), FisherInformation(np.zeros((1, 1))))
+    found = posterior_intervals(np.array([0.95]), FisherInformation(np.zeros((1, 1))))
 
     assert found[0] == pytest.approx([0.5 - 0.4748, 0.5 + 0.4748], abs=1e-4)
 

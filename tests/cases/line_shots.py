@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from pyblast.line_records.shots import Shot, shifted
+from pyblast.line_records.shots import ShotGather, shifted
 
 DT, N, PLACES = 1e-3, 600, 2.0 * np.arange(24)
 FREQUENCY = np.fft.rfftfreq(2 * N, DT)
@@ -18,7 +18,7 @@ def shot(source, speeds, band, seed, noise=0.05):
     turns = np.exp(-2j * np.pi * FREQUENCY * (offsets[:, None] / speeds + 0.05))
     motion = np.fft.irfft(inside * turns)[:, :N]
     motion += noise * motion.std() * rng.normal(size=motion.shape)
-    return Shot(motion, PLACES, source, offsets, DT, -0.05, np.arange(24))
+    return ShotGather(motion, PLACES, source, offsets, DT, -0.05, np.arange(24))
 
 
 def ground(n_each=3, **changes):

@@ -6,7 +6,7 @@ import numpy as np
 from scipy import fft, linalg
 
 from pyblast.inference.covariance import whitener
-from pyblast.inference.error_model import mesh_columns, nuisances, scattering
+from pyblast.inference.nuisances import mesh_columns, nuisances, scattering
 from pyblast.inference.records import band_functions, noise_of
 
 DT, BAND, N = 2e-3, (3.0, 30.0), 300

@@ -70,7 +70,7 @@ NAMES = {
     "pull": "gradient",
     "twins": "alternative_modes",
     "proof": "cross_validation",
-    "told_lines": "summary_lines",
+    "told_lines": "diagnosis_lines",
     "felt": "sensitivity",
     "Extra": "CandidateGain",
     "Knowledge": "FisherInformation",

@@ -2,6 +2,7 @@
 
 import inspect
 import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from pyblast.model.model import Model, Receiver
 from pyblast.solver import assembly
 from verification.columns import ROCK
 
+ROOT = Path(__file__).parents[2]
 CORE = core._core
 MODULES = [getattr(CORE, name) for name in dir(CORE) if name.startswith("pyblast_")]
 ROUTINES = [
@@ -65,7 +67,22 @@ def test_every_kernel_argument_of_a_model_has_the_name_of_the_fortran_argument()
 def test_every_index_array_is_shifted_and_nothing_else():
     for name, value in constants().items():
         is_index = isinstance(value, np.ndarray) and value.dtype == np.int32
-        assert is_index == name.endswith(core.INDEX_ENDINGS), name
+        assert is_index == ("points" in core.ARRAYS["arrays", name]), name
+
+
+def test_the_table_of_arrays_has_the_shapes_that_the_border_declares():
+    text = re.sub(r"&\s*\n\s*", "", (ROOT / "fortran" / "border.f90").read_text())
+    text = text[text.index("subroutine advance(") : text.index("end subroutine advance")]
+    lines = re.findall(r"^ *(?:integer|real).*, target ::(.*)$", text, re.MULTILINE)
+    declared = {
+        name: shape.split(", ")[::-1]
+        for line in lines
+        for name, shape in re.findall(r"(\w+)\(([^)]*)\)", line)
+    }
+    table = {name: row["shape"] for (group, name), row in core.ARRAYS.items()
+             if group in ("arrays", "state") and row["shape"]}  # fmt: skip
+
+    assert declared == table
 
 
 def test_arrays_cross_the_border_without_a_copy():

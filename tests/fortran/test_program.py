@@ -1,7 +1,11 @@
 """The program pyblast-run: the same bits as the Python run, one sentence for a broken file."""
 
+import os
+import re
 import shutil
+import signal
 import subprocess
+import time
 from dataclasses import replace
 from importlib import resources
 
@@ -331,13 +335,154 @@ def test_a_broken_model_file_is_refused_in_one_sentence(damage, exported, tmp_pa
     assert not (tmp_path / "result.h5").exists()
 
 
-def test_damage_at_random_is_refused_in_one_sentence_or_leaves_a_model(tmp_path, monkeypatch):
-    monkeypatch.setattr(fuzz, "FOLDER", tmp_path)
+def test_damage_at_random_is_refused_in_one_sentence_or_leaves_a_model(tmp_path):
+    row = fuzz.fuzz(0, 45, 5, tmp_path)
 
-    faults, codes = fuzz.fuzz(45, seed=5)
+    assert row["faults"] == []
+    assert row["refused"] > 25
 
-    assert faults == []
-    assert codes[2] > 15
+
+OUT_OF_RANGE = {
+    "arrays/node_mass": -1.0,
+    "arrays/contact_area": -1.0,
+    "arrays/zone_shear": -1.0,
+    "arrays/receiver_weight": np.nan,
+    "arrays/history": np.inf,
+    "arrays/joint_property": np.nan,
+    "state/memory": np.nan,
+    "state/slab_memory": -np.inf,
+}
+
+
+@pytest.mark.parametrize("name", OUT_OF_RANGE)
+def test_numbers_that_no_model_has_are_refused_by_the_name_of_their_array(name, exported, tmp_path):
+    broken = tmp_path / "broken.h5"
+    shutil.copy(exported, broken)
+    with h5py.File(broken, "r+") as file:
+        values = file[name][()]
+        values.flat[-1] = OUT_OF_RANGE[name]
+        file[name][...] = values
+
+    done = march(broken, tmp_path / "result.h5")
+
+    assert done.returncode == 2
+    assert f"'{name}' must be " in done.stderr
+
+
+@pytest.mark.parametrize("load", [1e200, 1e308])
+def test_a_load_beyond_all_bounds_ends_the_run(load, exported, tmp_path):
+    broken = tmp_path / "broken.h5"
+    shutil.copy(exported, broken)
+    with h5py.File(broken, "r+") as file:
+        file["arrays/history"][5] = load
+
+    done = march(broken, tmp_path / "result.h5")
+
+    assert done.returncode == 1
+    assert not (tmp_path / "result.h5").exists()
+
+
+def test_one_changed_byte_of_an_array_is_noticed(exported, tmp_path):
+    broken = tmp_path / "broken.h5"
+    raw = bytearray(exported.read_bytes())
+    with h5py.File(exported) as file:
+        for name in ("arrays/node_mass", "arrays/zone_slot", "state/velocity"):
+            raw[file[name].id.get_chunk_info(0).byte_offset + 7] ^= 1
+            broken.write_bytes(raw)
+
+            done = march(broken, tmp_path / "result.h5")
+
+            assert done.returncode == 2
+            assert "damaged" in done.stderr
+
+
+def test_a_result_has_checksums(exported, tmp_path):
+    march(exported, tmp_path / "result.h5")
+
+    with h5py.File(tmp_path / "result.h5") as file:
+        assert all(file[name].fletcher32 for name in ("records/motion", "state/velocity"))
+
+
+@pytest.mark.parametrize("size", [0, 1000, 20_000, 60_000])
+def test_a_full_disk_ends_with_one_sentence_and_leaves_nothing(size, exported, tmp_path):
+    resource = pytest.importorskip("resource")  # a limit of the size of files stands for it
+
+    done = subprocess.run(
+        [PROGRAM, exported, tmp_path / "result.h5"], capture_output=True, text=True, timeout=60,
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (size, size)), check=False,
+    )  # fmt: skip
+
+    assert done.returncode == 2
+    assert re.fullmatch(r"pyblast-run: \S+result.h5: can't be written \(.*\)\n", done.stderr)
+    assert not list(tmp_path.iterdir())
+
+
+def test_what_is_no_file_and_the_model_itself_are_never_replaced(exported, tmp_path):
+    model = tmp_path / "model.h5"
+    shutil.copy(exported, model)
+    (tmp_path / "link").symlink_to(model)
+    os.mkfifo(tmp_path / "pipe")
+
+    for result in (tmp_path, tmp_path / "link", tmp_path / "pipe", model):
+        done = march(model, result)
+
+        assert done.returncode == 2
+        assert f"{result}: can't be written (" in done.stderr
+    assert model.read_bytes() == exported.read_bytes()
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ends_the_program_though_it_was_ignored_before(number, exported, tmp_path):
+    slow = tmp_path / "slow.h5"
+    shutil.copy(exported, slow)
+    with h5py.File(slow, "r+") as file:
+        for name, length in (("run/n_steps", 10**6), ("arrays/history", (10**6, 3))):
+            del file[name]
+            file[name] = np.int32(length) if np.ndim(length) == 0 else np.zeros(length)
+    before = signal.signal(number, signal.SIG_IGN)
+    try:
+        process = subprocess.Popen(
+            [PROGRAM, slow, tmp_path / "result.h5"], stderr=subprocess.PIPE, text=True
+        )
+    finally:
+        signal.signal(number, before)
+    while not (tmp_path / "result.h5.part").exists() and process.poll() is None:
+        time.sleep(0.01)
+
+    process.send_signal(number)
+
+    assert process.wait(2.0) == 130
+    assert process.stderr.read() == "pyblast-run: interrupted; no result is written\n"
+    assert list(tmp_path.iterdir()) == [slow]
+
+
+def test_far_too_many_threads_are_as_many_as_there_are_processors(exported, tmp_path):
+    march(exported, tmp_path / "one.h5")
+
+    done = subprocess.run(
+        [PROGRAM, exported, tmp_path / "many.h5"], capture_output=True, text=True, timeout=60,
+        env={**os.environ, "OMP_NUM_THREADS": "100000"}, check=False,
+    )  # fmt: skip
+
+    assert done.returncode == 0
+    assert "one for each processor" in done.stderr
+    with h5py.File(tmp_path / "one.h5") as one, h5py.File(tmp_path / "many.h5") as many:
+        assert np.array_equal(one["records/motion"], many["records/motion"])
+
+
+def test_a_model_that_breaks_the_table_is_not_written(model, tmp_path):
+    prepared = prepare(model, 0.15)
+    wrong = {**prepared.constants, "node_mass": -prepared.constants["node_mass"]}
+
+    with pytest.raises(InputError, match="arrays/node_mass: must be positive"):
+        export(replace(prepared, constants=wrong), tmp_path / "model.h5")
+    short = {**prepared.state, "velocity": prepared.state["velocity"][:-1]}
+    with pytest.raises(InputError, match=r"state/velocity: must be an array .* got"):
+        export(replace(prepared, state=short), tmp_path / "model.h5")
+    astray = {**prepared.constants, "load_node": prepared.constants["load_node"] + 10**6}
+    with pytest.raises(InputError, match="arrays/load_node: must lie between"):
+        export(replace(prepared, constants=astray), tmp_path / "model.h5")
+    assert not list(tmp_path.iterdir())
 
 
 def test_wrong_usage_is_told(tmp_path):

@@ -7,7 +7,7 @@ from scipy import linalg
 
 from pyblast.errors import InputError
 from pyblast.inference.covariance import whitener
-from pyblast.inference.error_model import nuisances, scattering
+from pyblast.inference.nuisances import nuisances, scattering
 from pyblast.inference.records import band_functions, noise_of
 
 

@@ -6,7 +6,7 @@ from residual_case import residual_case
 from scipy import linalg
 
 from pyblast.inference.covariance import record_blocks
-from pyblast.inference.error_model import (
+from pyblast.inference.nuisances import (
     Firings,
     Nuisances,
     hole_columns,

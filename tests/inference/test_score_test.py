@@ -7,7 +7,7 @@ from scipy import linalg, stats
 from scipy.integrate import quad
 
 from pyblast.inference.covariance import record_blocks
-from pyblast.inference.error_model import Nuisances, shift_columns, transfer_columns
+from pyblast.inference.nuisances import Nuisances, shift_columns, transfer_columns
 from pyblast.inference.records import Noise, Records
 from pyblast.inference.score_test import (
     AveragedError,

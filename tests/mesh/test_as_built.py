@@ -26,7 +26,7 @@ def asked(faults=(), sets=(), layers=ROCK, standing=STANDING, surface=None):
 
 
 def hexahedra(ground):
-    return mapped.build(ground, [30.0] * len(ground.layers), 3)
+    return mapped.build_mapped(ground, [30.0] * len(ground.layers), 3)
 
 
 def wrong(mesh, ground):

@@ -39,13 +39,13 @@ def jointed():
 def test_zones_fill_the_box_exactly(jointed):
     mesh, _ = jointed
 
-    assert meshes.volumes(mesh).min() > 0.0
-    assert meshes.volumes(mesh).sum() == pytest.approx(24000.0, rel=1e-12)
+    assert meshes.zone_volumes(mesh).min() > 0.0
+    assert meshes.zone_volumes(mesh).sum() == pytest.approx(24000.0, rel=1e-12)
 
 
 def test_each_layer_has_its_volume(jointed):
     mesh, _ = jointed
-    volume = np.bincount(mesh.zone_group, weights=meshes.volumes(mesh))
+    volume = np.bincount(mesh.zone_group, weights=meshes.zone_volumes(mesh))
 
     assert mesh.groups == ("soil", "rock")
     assert volume == pytest.approx([6000.0, 18000.0], rel=1e-12)
@@ -146,12 +146,12 @@ def test_a_round_fault_has_the_area_of_its_disc():
 def test_mean_edge_is_as_asked(edge):
     mesh = build_mesh(BOX, [Layer("rock")], edge=edge)
 
-    assert meshes.edge_lengths(mesh).mean() == pytest.approx(edge, rel=0.1)
+    assert meshes.zone_edge_lengths(mesh).mean() == pytest.approx(edge, rel=0.1)
 
 
 def test_layers_have_their_own_edges():
     mesh = build_mesh(BOX, [Layer("soil", 5.0, 1.5), Layer("rock", None, 4.0)])
-    mean = meshes.edge_lengths(mesh).mean(axis=1)
+    mean = meshes.zone_edge_lengths(mesh).mean(axis=1)
 
     assert mean[mesh.zone_group == 0].mean() == pytest.approx(1.5, rel=0.1)
     assert mean[mesh.zone_group == 1].mean() > 2.0
@@ -176,7 +176,7 @@ def test_a_surveyed_surface_becomes_the_top():
     top = mesh.points[np.unique(mesh.surfaces["top"])]
 
     assert top[:, 2] == pytest.approx(18.0 + 0.1 * top[:, 0], abs=1e-9)
-    assert meshes.volumes(mesh).min() > 0.0
+    assert meshes.zone_volumes(mesh).min() > 0.0
 
 
 def test_normals_follow_dip_and_dip_direction():
@@ -219,7 +219,7 @@ def test_edges_are_short_within_a_refinement_and_grow_beyond_it():
     fine = (((10, 20), (10, 20), (10, 20)), 2.0)
     mesh = build_mesh(((0, 60), (0, 30), (0, 20)), [Layer("rock")], edge=8.0, refinements=[fine])
     middle = mesh.points[mesh.zones].mean(axis=1)
-    edges = meshes.edge_lengths(mesh).mean(axis=1)
+    edges = meshes.zone_edge_lengths(mesh).mean(axis=1)
     within = ((middle > 12.0) & (middle < 18.0)).all(axis=1)
 
     assert edges[within].mean() == pytest.approx(2.0, rel=0.1)

@@ -8,7 +8,7 @@ import pytest
 from pyblast.errors import InputError
 from pyblast.mesh import hexahedra
 from pyblast.mesh.builder import structured_box
-from pyblast.mesh.mesh import locate, volumes
+from pyblast.mesh.mesh import locate_in_zones, zone_volumes
 from pyblast.mesh.spectral_nodes import spectral_nodes
 
 ORDERS = pytest.mark.parametrize("order", hexahedra.ORDERS)
@@ -72,7 +72,7 @@ def test_a_curved_zone_has_the_volume_that_its_faces_enclose():
 
     numbers, vectors = nodes.face_areas(np.arange(6 * len(nodes.mesh.zones)))
     flux = (nodes.points[numbers] * vectors).sum(axis=(1, 2)).reshape(-1, 6).sum(axis=1) / 3.0
-    assert volumes(nodes.mesh) == pytest.approx(flux, rel=1e-6)
+    assert zone_volumes(nodes.mesh) == pytest.approx(flux, rel=1e-6)
 
 
 def test_zones_share_the_nodes_of_their_faces():
@@ -111,7 +111,7 @@ def test_places_are_found_in_curved_zones():
     wanted = np.random.default_rng(2).uniform(-0.9, 0.9, (len(zones), 3))
     places = np.einsum("na,nac->nc", hexahedra.shape_values(4, wanted), mesh.node_places)
 
-    zone, found = locate(mesh, places)
+    zone, found = locate_in_zones(mesh, places)
 
     assert zone.tolist() == zones.tolist()
     assert found == pytest.approx(wanted, abs=1e-9)
@@ -119,7 +119,7 @@ def test_places_are_found_in_curved_zones():
 
 def test_a_place_outside_is_refused():
     with pytest.raises(InputError, match="must lie in the mesh"):
-        locate(box(), [(100.0, 0.0, 0.0)])
+        locate_in_zones(box(), [(100.0, 0.0, 0.0)])
 
 
 def test_an_order_that_has_no_kernel_is_refused():

@@ -79,7 +79,7 @@ def test_names_in_the_file_become_groups_and_surfaces(tmp_path, name, text):
 
     assert sorted(mesh.groups) == ["rock", "soil"]
     assert mesh.split(["fault"]).blocks().max() == 1
-    assert meshes.volumes(mesh).min() > 0.0
+    assert meshes.zone_volumes(mesh).min() > 0.0
 
 
 @pytest.mark.parametrize("name", ["m.vtu", "m.xdmf"])
@@ -120,7 +120,7 @@ def test_gmsh_files_of_both_versions_are_read(tmp_path, version, binary):
     mesh = read_mesh(tmp_path / "m.msh")
 
     assert mesh.groups == ("rock",)
-    assert meshes.volumes(mesh).sum() == pytest.approx(1.0)
+    assert meshes.zone_volumes(mesh).sum() == pytest.approx(1.0)
 
 
 def test_groups_are_renamed_by_number_and_merged(tmp_path):
@@ -138,7 +138,7 @@ def test_a_mesh_of_opposite_orientation_is_turned(tmp_path):
 
     mesh = read_mesh(written(tmp_path, raw_mesh(zones=zones)))
 
-    assert meshes.volumes(mesh).min() > 0.0
+    assert meshes.zone_volumes(mesh).min() > 0.0
 
 
 def test_a_read_joint_splits_into_two_blocks(tmp_path):

@@ -94,7 +94,7 @@ def test_24_gmsh_of_every_version_has_the_same_groups(version, binary, parametri
 
     names = {"group_7": "rock", "group_8": "soil", "surface_9": "the top",
              "surface_10": "contact", "surface_11": "both"}  # fmt: skip
-    size = meshes.volumes(mesh)
+    size = meshes.zone_volumes(mesh)
     assert {
         names.get(group, group): pytest.approx(size[mesh.zone_group == n].sum())
         for n, group in enumerate(mesh.groups)
@@ -110,7 +110,7 @@ def test_51_gmsh_of_every_version_without_groups_is_one_rock(version, binary, tm
     mesh = read_mesh(written(tmp_path / "m.msh", version, binary))
 
     assert mesh.groups == ("rock",) or version == 1.0  # which writes numbers of entities
-    assert meshes.volumes(mesh).sum() == pytest.approx(36.0)
+    assert meshes.zone_volumes(mesh).sum() == pytest.approx(36.0)
     assert len(mesh.surfaces) == 0 or version == 1.0
 
 
@@ -123,7 +123,7 @@ def test_24_parts_of_a_partition_keep_their_groups(version, binary, tmp_path):
 
     mesh = read_mesh(written(tmp_path / "m.msh", version, binary))
 
-    size = meshes.volumes(mesh)
+    size = meshes.zone_volumes(mesh)
     assert {g: pytest.approx(size[mesh.zone_group == n].sum()) for n, g in enumerate(mesh.groups)
             } == volumes  # fmt: skip
     assert {name: len(facets) for name, facets in mesh.surfaces.items()} == counts
@@ -148,7 +148,7 @@ def test_med_with_and_without_groups(groups, tmp_path):
 
     mesh = read_mesh(tmp_path / "m.med")
 
-    assert meshes.volumes(mesh).sum() == pytest.approx(36.0)
+    assert meshes.zone_volumes(mesh).sum() == pytest.approx(36.0)
     assert sorted(mesh.groups) == (["rock", "soil"] if groups else ["rock"])
 
 
@@ -209,8 +209,8 @@ def test_48_tetrahedra_of_both_orders_are_turned(name):
     mesh = read_mesh(REPORTED / "48-tetrahedra-of-both-orders" / f"{name}.vtu", log=log)
 
     assert len(mesh.zones) == 48
-    assert meshes.volumes(mesh).min() > 0.0
-    assert meshes.volumes(mesh).sum() == pytest.approx(8000.0)
+    assert meshes.zone_volumes(mesh).min() > 0.0
+    assert meshes.zone_volumes(mesh).sum() == pytest.approx(8000.0)
     turned = [line for line in log.lines() if "of 48 zones were turned right-handed" in line]
     assert len(turned) == TURNED[name]
 
@@ -224,7 +224,7 @@ def test_51_files_without_groups_are_one_rock_without_sides(name, zones, volume)
     mesh = read_mesh(REPORTED / "51-gmsh-4-without-groups" / f"{name}.msh")
 
     assert (mesh.groups, len(mesh.zones), len(mesh.surfaces)) == (("rock",), zones, 0)
-    assert meshes.volumes(mesh).sum() == pytest.approx(volume)
+    assert meshes.zone_volumes(mesh).sum() == pytest.approx(volume)
 
 
 # 23: an interface inside is never a side

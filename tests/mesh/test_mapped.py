@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from pyblast.mesh.grid import SIDES, Fault, Geometry, JointSet, Layer
-from pyblast.mesh.hexahedral.mapped import Fine, NotMapped, build, divided
-from pyblast.mesh.mesh import quality, volumes
+from pyblast.mesh.hexahedral.mapped import Fine, NotMapped, build_mapped, divided
+from pyblast.mesh.mesh import quality, zone_volumes
 from pyblast.mesh.spectral_nodes import spectral_nodes
 
 BOX = np.array([[0.0, 200.0], [0.0, 150.0], [-60.0, 0.0]])
@@ -16,7 +16,7 @@ ROCK = [Layer("rock")]
 def built(layers=ROCK, sets=(), faults=(), open_sides=OPEN, sizes=None, surface=None, lines=None):
     standing = frozenset(SIDES) - set(open_sides)
     geometry = Geometry(BOX, tuple(layers), tuple(sets), tuple(faults), surface, standing)
-    return build(geometry, sizes or [40.0] * len(layers), 4, lines)
+    return build_mapped(geometry, sizes or [40.0] * len(layers), 4, lines)
 
 
 def fault(dip, towards, through=(100.0, 75.0, 0.0), name="F", **extent):
@@ -41,7 +41,7 @@ def test_a_dipping_fault_is_a_plane_inside_the_model(dip, towards):
     assert np.abs(off[inside]).max() < 1e-9
     above = at[:, 2] > BOX[2, 0] + 1e-6
     assert np.abs(np.abs(contacts.normal[above] @ plane.unit_normal) - 1.0).max() < 1e-9
-    assert volumes(nodes.mesh).min() > 0.0
+    assert zone_volumes(nodes.mesh).min() > 0.0
 
 
 def test_a_dipping_fault_stays_a_plane_under_a_surveyed_surface():
@@ -116,7 +116,7 @@ def test_planes_of_different_dip_and_strike_stand_between_sides_that_stand():
         assert np.abs(off_plane(mesh, plane)).max() < 1e-9
     assert np.unique(mesh.points[mesh.surfaces["west"]][..., 0]).tolist() == [0.0]
     assert np.unique(mesh.points[mesh.surfaces["east"]][..., 0]).tolist() == [200.0]
-    assert volumes(mesh).min() > 0.0
+    assert zone_volumes(mesh).min() > 0.0
 
 
 def test_only_open_sides_make_room_for_a_plane():
@@ -164,6 +164,20 @@ def test_the_grid_turns_where_all_sides_are_open():
 
     assert quality(turned).min() == pytest.approx(1.0)
     assert quality(between).min() < 0.95  # 'west' stands
+
+
+@pytest.mark.parametrize(("dip", "towards"), [(30, 60), (30, 0), (60, 135), (85, 310), (10, 20)])
+def test_in_ground_that_is_open_all_around_a_plane_goes_on_straight_through_the_layer(dip, towards):
+    plane = fault(dip, towards, through=(100.0, 75.0, -30.0))
+    mesh = built(faults=[plane], open_sides=SIDES)
+    at = mesh.points[mesh.surfaces["F"]]
+
+    assert np.abs((at - plane.point) @ plane.unit_normal).max() < 1e-9
+    assert mesh.layer.depths(at.mean(axis=1)).max() > 0.5
+    centre = mesh.points.mean(axis=0)
+    for number, side in enumerate(SIDES):  # those of the box that they face most alike
+        outward = mesh.points[mesh.surfaces[side]].mean(axis=(0, 1)) - centre
+        assert outward[number // 2] * (2 * (number % 2) - 1) > 0.0, side
 
 
 def test_lines_run_closer_together_through_fine_parts():

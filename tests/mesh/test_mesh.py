@@ -151,7 +151,7 @@ def test_surface_areas_point_outward_and_add_up():
 def test_located_points_are_given_back_by_their_weights():
     mesh = cross({"a": ("x", 2.0)}).split("a")
     places = np.random.default_rng(1).uniform(0.0, 4.0, (50, 3))
-    zone, weights = meshes.locate(mesh, places)
+    zone, weights = meshes.locate_in_zones(mesh, places)
 
     assert weights.min() >= 0.0
     assert np.einsum("ij,ijk->ik", weights, mesh.points[mesh.zones[zone]]) == pytest.approx(places)
@@ -159,14 +159,14 @@ def test_located_points_are_given_back_by_their_weights():
 
 def test_a_receiver_on_the_free_surface_is_located_there():
     mesh = cross({})
-    zone, weights = meshes.locate(mesh, [[1.3, 2.2, 4.0]])
+    zone, weights = meshes.locate_in_zones(mesh, [[1.3, 2.2, 4.0]])
 
     assert weights[0] @ mesh.points[mesh.zones[zone[0]]] == pytest.approx([1.3, 2.2, 4.0])
 
 
 def test_a_place_far_outside_is_refused_by_name():
     with pytest.raises(InputError, match=r"point \(1, 2, 9\): must lie in the mesh"):
-        meshes.locate(cross({}), [[1.0, 2.0, 9.0]])
+        meshes.locate_in_zones(cross({}), [[1.0, 2.0, 9.0]])
 
 
 @pytest.mark.parametrize(("pattern", "per_box"), [("kuhn", 6), ("alternating", 5), ("centred", 12)])
@@ -174,8 +174,8 @@ def test_a_grid_fills_its_box_with_positive_zones(pattern, per_box):
     mesh = structured_box((3, 2, 4), (3.0, 5.0, 2.0), pattern=pattern)
 
     assert len(mesh.zones) == 24 * per_box
-    assert meshes.volumes(mesh).min() > 0.0
-    assert meshes.volumes(mesh).sum() == pytest.approx(30.0, rel=1e-13)
+    assert meshes.zone_volumes(mesh).min() > 0.0
+    assert meshes.zone_volumes(mesh).sum() == pytest.approx(30.0, rel=1e-13)
 
 
 def test_centred_boxes_leave_layers_and_joints_on_their_planes():
@@ -184,7 +184,7 @@ def test_centred_boxes_leave_layers_and_joints_on_their_planes():
 
     mesh = structured_box(shape, size, layers=layers, planes=planes, pattern="centred").split("a")
 
-    volume = np.bincount(mesh.zone_group, meshes.volumes(mesh))
+    volume = np.bincount(mesh.zone_group, meshes.zone_volumes(mesh))
     assert volume == pytest.approx([12.0, 36.0], rel=1e-13)
     assert joint_areas(mesh) == pytest.approx([24.0], rel=1e-13)
     assert meshes.quality(mesh).min() > 0.75

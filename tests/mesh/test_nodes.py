@@ -6,7 +6,7 @@ import pytest
 from pyblast.mesh import tetrahedra
 from pyblast.mesh.faces import zone_faces
 from pyblast.mesh.grid import structured_box
-from pyblast.mesh.mesh import locate
+from pyblast.mesh.mesh import locate_in_zones
 from pyblast.mesh.nodes import nodes_of
 
 
@@ -134,7 +134,7 @@ def test_a_facet_with_three_corners_on_the_rim_opens_at_its_centroid():
 def test_shapes_reproduce_quadratic_fields_and_their_gradients():
     quadratic = halves({"J": ("x", 2.0)})
     places = np.random.default_rng(0).uniform(0.1, 3.9, size=(20, 3))
-    zone, weights = locate(quadratic.mesh, places)
+    zone, weights = locate_in_zones(quadratic.mesh, places)
 
     nodes = quadratic.zone_nodes[zone]
     value, gradient = quadratic.shapes(weights), quadratic.slopes(zone, weights)

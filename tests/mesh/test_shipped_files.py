@@ -54,7 +54,7 @@ def one_form(path, version, binary):
         kinds = ("first order", "tetrahedra with 4 nodes", "parts that share no face", "no tag")
         return next(kind for kind in kinds if kind in reason)
     assert len(mesh.zones) == count(3, None if version == 1.0 else gmsh.model.getPhysicalGroups(3))
-    assert meshes.volumes(mesh).min() > 0.0
+    assert meshes.zone_volumes(mesh).min() > 0.0
     if version > 1.0:
         for dimension, tag in gmsh.model.getPhysicalGroups(2):
             name = gmsh.model.getPhysicalName(dimension, tag) or f"surface_{tag}"

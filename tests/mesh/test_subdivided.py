@@ -9,8 +9,8 @@ from pyblast.mesh.grid import SIDES, Fault, Geometry, JointSet, Layer
 from pyblast.mesh.hexahedra import corner_neighbours
 from pyblast.mesh.hexahedral import subdivided
 from pyblast.mesh.hexahedral.mapped import Fine, NotMapped, Surface
-from pyblast.mesh.hexahedral.subdivided import build, subdivide
-from pyblast.mesh.mesh import outer_faces, volumes
+from pyblast.mesh.hexahedral.subdivided import build_subdivided, subdivide
+from pyblast.mesh.mesh import outer_faces, zone_volumes
 from pyblast.mesh.quality import explicit_work
 
 BOX = np.array([[0.0, 100.0], [0.0, 80.0], [-60.0, 0.0]])
@@ -29,7 +29,7 @@ def built(faults=MEETING, sets=(), open_sides=OPEN, layers=ROCK, edge=20.0, **op
     standing = frozenset(SIDES) - set(open_sides)
     surface = options.pop("surface", None)
     geometry = Geometry(BOX, layers, tuple(sets), tuple(faults), surface, standing)
-    return build(geometry, [edge] * len(layers), options.pop("order", 3), **options)
+    return build_subdivided(geometry, [edge] * len(layers), options.pop("order", 3), **options)
 
 
 def area(mesh, name):
@@ -53,8 +53,8 @@ def test_each_tetrahedron_becomes_four_hexahedra_of_its_volume():
 def test_faults_of_different_dip_and_strike_meet_between_sides_that_stand():
     mesh = built(open_sides=("bottom",))
 
-    assert volumes(mesh).min() > 0.0
-    assert volumes(mesh).sum() == pytest.approx(100.0 * 80.0 * (60.0 + 40.0))
+    assert zone_volumes(mesh).min() > 0.0
+    assert zone_volumes(mesh).sum() == pytest.approx(100.0 * 80.0 * (60.0 + 60.0))
     for plane in MEETING:
         at = mesh.points[mesh.surfaces[plane.name]]
         inside = (at[..., 2] > -60.0 - 1e-6).all(axis=1)
@@ -67,15 +67,15 @@ def test_faults_of_different_dip_and_strike_meet_between_sides_that_stand():
 def test_the_layer_is_drawn_from_open_sides_and_closes_the_mesh():
     mesh = built()
 
-    assert mesh.points.min(axis=0) == pytest.approx([-40.0, -40.0, -100.0])
-    assert mesh.points.max(axis=0) == pytest.approx([140.0, 120.0, 0.0])
+    assert mesh.points.min(axis=0) == pytest.approx([-60.0, -60.0, -120.0])
+    assert mesh.points.max(axis=0) == pytest.approx([160.0, 140.0, 0.0])
     faces = {tuple(sorted(face)) for face in outer_faces(mesh).tolist()}
     assert {tuple(sorted(f)) for side in SIDES for f in mesh.surfaces[side].tolist()} == faces
     assert mesh.layer.depths(BOX.T).max() == 0.0
     split = mesh.split(["F", "G"])
     assert split.contacts.names == ("F", "G")
     beyond = mesh.points[mesh.surfaces["F"]][..., 1].max()
-    assert beyond == pytest.approx(120.0)  # faults go on through the layer
+    assert beyond == pytest.approx(140.0)  # faults go on through the layer
 
 
 def test_sets_end_at_the_layer_and_layers_keep_their_heights():
@@ -108,7 +108,7 @@ def test_triangles_of_a_terrain_are_served():
     top = mesh.points[mesh.surfaces["top"]]
     inside = (top[..., 0] >= 0.0).all(axis=1)
     assert top[inside][..., 2] == pytest.approx(1.0 + 0.1 * top[inside][..., 0])
-    assert volumes(mesh).min() > 0.0
+    assert zone_volumes(mesh).min() > 0.0
 
 
 def test_fine_parts_have_smaller_hexahedra_and_high_orders_are_refused():
@@ -148,9 +148,9 @@ def test_the_top_is_raised_to_its_survey_within_its_planes(monkeypatch):
         top = mesh.points[np.unique(mesh.surfaces["top"])]
         return np.sqrt(np.mean((top[:, 2] - Surface(ground).height(top[:, :2])) ** 2))
 
-    mesh = build(ground, [15.0], 3)
+    mesh = build_subdivided(ground, [15.0], 3)
     monkeypatch.setattr(subdivided, "RAISES", 0)
 
-    assert away(mesh) < 0.3 * away(build(ground, [15.0], 3))
+    assert away(mesh) < 0.3 * away(build_subdivided(ground, [15.0], 3))
     on_plane = mesh.points[np.unique(mesh.surfaces["F"])] - plane.point
     np.testing.assert_allclose(on_plane @ plane.unit_normal, 0.0, atol=1e-6)

@@ -6,8 +6,14 @@ import pytest
 from pyblast.mesh.faces import face_vectors
 from pyblast.mesh.grid import SIDES, Fault, Geometry, JointSet, Layer
 from pyblast.mesh.hexahedral.mapped import Fine, NotMapped
-from pyblast.mesh.hexahedral.swept import arrangement, build, sliding, smoothed, upright
-from pyblast.mesh.mesh import outer_faces, quality, volumes
+from pyblast.mesh.hexahedral.swept import (
+    arrangement,
+    build_swept,
+    sliding,
+    smoothed_quadrilaterals,
+    upright,
+)
+from pyblast.mesh.mesh import outer_faces, quality, zone_volumes
 from pyblast.mesh.quality import explicit_work
 
 BOX = np.array([[0.0, 120.0], [0.0, 90.0], [0.0, 60.0]])
@@ -23,7 +29,7 @@ def built(faults=(), sets=(), open_sides=OPEN, box=BOX, layers=ROCK, edge=25.0, 
     standing = frozenset(SIDES) - set(open_sides)
     surface = options.pop("surface", None)
     geometry = Geometry(box, layers, tuple(sets), tuple(faults), surface, standing)
-    return build(geometry, [edge] * len(layers), 3, **options)
+    return build_swept(geometry, [edge] * len(layers), 3, **options)
 
 
 def area(mesh, name):
@@ -48,7 +54,7 @@ def test_a_free_face_stands_beside_a_fault_that_leaves_through_it(dip, x):
     inside = ((along > -1e-6) & (along < 90.0 + 1e-6)).all(axis=1)
     corners = mesh.points[mesh.surfaces["F"][inside]]
     assert corners[..., 0].max() == pytest.approx(120.0)
-    assert volumes(mesh).min() > 0.0
+    assert zone_volumes(mesh).min() > 0.0
 
 
 QUARTER = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])  # clockwise
@@ -162,7 +168,7 @@ def test_elements_are_smaller_in_fine_parts():
 
     centres = fine.points[fine.zones].mean(axis=1)
     near = ((centres > part.box[:, 0]) & (centres < part.box[:, 1])).all(axis=1)
-    assert volumes(fine)[near].max() < 6.5**3
+    assert zone_volumes(fine)[near].max() < 6.5**3
     assert len(fine.zones) > len(coarse.zones)
     assert explicit_work(fine) > explicit_work(coarse)
 
@@ -195,7 +201,7 @@ def test_smoothing_lengthens_the_worst_corner_and_keeps_lines():
     sides = np.array([[0, 1], [1, 2], [6, 7], [7, 8], [0, 3], [3, 6], [2, 5], [5, 8]])
     normals = np.repeat([[0.0, 1.0], [1.0, 0.0]], 4, axis=0)
 
-    better = smoothed(points, corners, sliding(9, sides, normals), 1.0)
+    better = smoothed_quadrilaterals(points, corners, sliding(9, sides, normals), 1.0)
 
     assert better[4] == pytest.approx([1.0, 1.0], abs=1e-3)
     assert better[[0, 2, 6, 8]].tolist() == points[[0, 2, 6, 8]].tolist()

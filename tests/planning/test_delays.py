@@ -15,7 +15,7 @@ from pyblast.planning import (
     FiringScatter,
     best_delays,
     drawn_peaks,
-    gain,
+    gain_of_plan,
     peak_bands,
     rows_pattern,
     severity,
@@ -151,7 +151,9 @@ def test_a_rule_that_plans_must_keep_is_kept():
 
 
 def test_gain_of_a_plan_over_itself_is_nothing(spectra):
-    same = gain(spectra, TIMES, TIMES, FiringScatter(0.002), limits=[1e-3, 2e-3], n_blasts=200)
+    same = gain_of_plan(
+        spectra, TIMES, TIMES, FiringScatter(0.002), limits=[1e-3, 2e-3], n_blasts=200
+    )
 
     assert (same.reduction, *same.interval) == (0.0, 0.0, 0.0)
 
@@ -162,7 +164,10 @@ def test_interval_of_a_gain_holds_what_many_blasts_say(spectra):
               for times in (TIMES, other)]  # fmt: skip
     truth = 1.0 - levels[1] / levels[0]
 
-    found = [gain(spectra, TIMES, other, scatter, n_blasts=200, seed=n).interval for n in range(20)]
+    found = [
+        gain_of_plan(spectra, TIMES, other, scatter, n_blasts=200, seed=n).interval
+        for n in range(20)
+    ]
 
     inside = sum(low < truth < high for low, high in found)
     assert 14 <= inside <= 20  # 18 of 20, three standard errors
@@ -183,7 +188,7 @@ def test_what_makes_no_plan_is_refused(spectra):
     with pytest.raises(InputError, match=r"allowed: refuses every plan"):
         best_delays(spectra, np.arange(4.0)[:, None], 0.0, 0.02, scatter, allowed=lambda _: False)
     with pytest.raises(InputError, match=r"limits: need one positive limit, or one for each of 2"):
-        gain(spectra, TIMES, TIMES, scatter, limits=[1.0, 1.0, 1.0])
+        gain_of_plan(spectra, TIMES, TIMES, scatter, limits=[1.0, 1.0, 1.0])
     with pytest.raises(InputError, match=r'quantity: must be "ppv" or "pvs"'):
         peak_bands(spectra, TIMES, scatter, n_blasts=2, quantity="peak")
     with pytest.raises(InputError, match=r"share must lie between 0 and 1, got 95"):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pyblast.back_analysis.findings import near_sources
+from pyblast.back_analysis.findings import near_source_findings
 from pyblast.errors import InputError
 from pyblast.mesh.quality import explicit_work
 from pyblast.project.checks import check
@@ -95,7 +95,7 @@ def test_receivers_near_a_source_are_named_with_error_and_edge(project):
 
 
 def test_a_back_analysis_names_the_receivers_that_do_not_count(project):
-    (finding,) = near_sources([project])
+    (finding,) = near_source_findings([project])
 
     assert finding.code == "D38"
     assert "'up 25'" in finding.text

@@ -16,7 +16,7 @@ from pyblast.diagnosis.decision import Decision, decide
 from pyblast.diagnosis.effects import Effect
 from pyblast.diagnosis.fitting import fit
 from pyblast.diagnosis.search import Search
-from pyblast.diagnosis.summary import summarise, summary_lines
+from pyblast.diagnosis.summary import diagnosis_lines, summarise_diagnosis
 from pyblast.diagnosis.thresholds import DECISIVE, REMAINS
 from pyblast.report.diagnosis import (
     claims,
@@ -73,7 +73,7 @@ def made(outcome):
     if outcome == "NULL":
         found = Search(here, 400, lambda *_: None, none, [], none)
         decision = Decision(outcome, none, (), {"none": 1.0}, 0.0, None)
-    return Made(here, found, decision), summarise(found, decision) | NOTES
+    return Made(here, found, decision), summarise_diagnosis(found, decision) | NOTES
 
 
 @cache
@@ -137,7 +137,7 @@ def test_where_no_effect_pays_the_next_receivers_belong_where_most_is_missing():
     decision = replace(found.decision, rivals=())
 
     assert poor.delta_ln_evidence(poor.fits[0]) < DECISIVE
-    words = summarise(poor, decision)["next_measurement"]
+    words = summarise_diagnosis(poor, decision)["next_measurement"]
     assert words == "more receivers around R2, and a shot from another side"
 
 
@@ -187,7 +187,7 @@ def test_what_is_left_beside_an_effect_is_said_with_its_place():
 
 @pytest.mark.parametrize(("outcome", "shown"), [("NAMED", 0), ("UNKNOWN", 1), ("NULL", 0)])
 def test_the_terminal_says_of_what_the_evidence_is_where_no_effect_is_told(outcome, shown):
-    told = "\n".join(summary_lines({"finished": True, **made(outcome)[1]}))
+    told = "\n".join(diagnosis_lines({"finished": True, **made(outcome)[1]}))
 
     assert told.startswith(f"outcome: {outcome}")
     assert told.count("best candidate, not accepted: clock_error") == shown

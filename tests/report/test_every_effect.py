@@ -18,7 +18,7 @@ from pyblast.diagnosis.forward import Forward
 from pyblast.diagnosis.hypotheses import LIBRARY
 from pyblast.diagnosis.library import geometry
 from pyblast.diagnosis.search import Search
-from pyblast.diagnosis.summary import summarise, summary_lines
+from pyblast.diagnosis.summary import diagnosis_lines, summarise_diagnosis
 from pyblast.report.diagnosis import (
     claims,
     hole_rows,
@@ -92,7 +92,7 @@ def answer_with(scene, *effects):
     outcome = "COMPOSITE" if len(fit.labels) > 1 else "NAMED"
     tested = CrossValidation(())
     decision = Decision(outcome, fit, (), dict.fromkeys(fit.labels, 0.9), 0.9, tested, fit)
-    return Answer(found, decision), summarise(found, decision) | NOTES
+    return Answer(found, decision), summarise_diagnosis(found, decision) | NOTES
 
 
 @pytest.mark.parametrize("ground", GROUNDS)
@@ -106,7 +106,7 @@ def test_every_effect_at_every_target_is_stated_and_ranked(ground):
 
         ((label, claim),) = claims(fit)
         rows = parameter_rows(fit) + hole_rows(fit)
-        lines = summary_lines(
+        lines = diagnosis_lines(
             summary | {"effects": [vars(effect) | {"label": label, "claim": claim}]}
         )
 

@@ -16,7 +16,7 @@ from pyblast.report.figures import (
     section_of_zones,
     waveform_figure,
 )
-from pyblast.report.run import angle, number, render, render_one_page, scaled
+from pyblast.report.run import angle, render, render_one_page, shown_in_unit, shown_number
 from pyblast.signals.comparison import load_limits
 from pyblast.workflows import run
 
@@ -191,8 +191,12 @@ def test_every_table_row_has_the_cells_of_its_head(page):
 
 
 def test_numbers_are_shown_with_a_dash_where_there_is_none():
-    assert (number(None), number(float("nan")), number(0.12345)) == ("–", "–", "0.123")
-    assert scaled(0.00254, 1e3) == "2.54"
+    assert (shown_number(None), shown_number(float("nan")), shown_number(0.12345)) == (
+        "–",
+        "–",
+        "0.123",
+    )
+    assert shown_in_unit(0.00254, 1e3) == "2.54"
     assert angle(1.0) == "45"
 
 

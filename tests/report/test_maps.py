@@ -11,8 +11,8 @@ from pyblast.report.maps import (
     great_circle,
     plan_figure,
     pole,
+    shown_surface,
     stereonet_figure,
-    surface,
     surface_of,
 )
 from pyblast.workflows import run
@@ -79,7 +79,7 @@ def test_peaks_of_the_surface_hold_those_of_the_receiver(folder):
 
     near = table["peak_vector_sum_mm_per_s"][away <= 15.0]
 
-    assert len(table) == len(np.unique(surface(result)[1]))
+    assert len(table) == len(np.unique(shown_surface(result)[1]))
     assert near.min() <= 1e3 * receiver["simulated"]["pvs"] <= 1.02 * near.max(), name
 
 

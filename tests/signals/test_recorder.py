@@ -26,7 +26,7 @@ def ratio(seismogram, other, frequency):
 def test_at_its_corner_a_geophone_leads_by_a_quarter_and_divides_by_twice_its_damping(damping):
     motion = wave(4.5)
 
-    heard = recorder.geophone(4.5, damping)(motion)
+    heard = recorder.geophone_response(4.5, damping)(motion)
 
     assert ratio(heard, motion, 4.5) == pytest.approx(0.5j / damping, rel=1e-3)
 
@@ -34,7 +34,9 @@ def test_at_its_corner_a_geophone_leads_by_a_quarter_and_divides_by_twice_its_da
 def test_far_above_its_corner_a_geophone_writes_the_velocity():
     motion = wave(60.0)
 
-    assert recorder.geophone(1.0)(motion).velocity == pytest.approx(motion.velocity, abs=0.03)
+    assert recorder.geophone_response(1.0)(motion).velocity == pytest.approx(
+        motion.velocity, abs=0.03
+    )
 
 
 def test_at_its_resonance_a_sensor_rocks():
@@ -92,7 +94,7 @@ def test_a_step_of_acceleration_dies_with_the_geophone():
 
     ramp = np.zeros((4000, 3))
     ramp[:, 2] = 0.01 * np.maximum(TIMES - 1.0, 0.0) * (TIMES < 3.9)
-    wanted = recorder.geophone(1.0)(Seismogram(ramp, DT)).velocity[:, 2]
+    wanted = recorder.geophone_response(1.0)(Seismogram(ramp, DT)).velocity[:, 2]
     early = TIMES < 3.5
     assert heard[early] == pytest.approx(wanted[early], abs=0.01 * np.abs(heard).max())
 
@@ -115,7 +117,9 @@ def test_an_anti_alias_filter_above_half_the_sampling_does_nothing():
     assert recorder.anti_alias(600.0)(wave(10.0)).velocity.tolist() == wave(10.0).velocity.tolist()
 
 
-@pytest.mark.parametrize("make", [recorder.geophone, recorder.clipping, recorder.anti_alias])
+@pytest.mark.parametrize(
+    "make", [recorder.geophone_response, recorder.clipping, recorder.anti_alias]
+)
 def test_nonsense_is_refused(make):
     with pytest.raises(InputError, match=r"recorder\..* must be positive"):
         make(-1.0)

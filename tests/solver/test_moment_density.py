@@ -9,7 +9,7 @@ from open_box import ROCK
 from pyblast.errors import InputError
 from pyblast.mesh.builder import structured_box
 from pyblast.mesh.grid import Layer
-from pyblast.mesh.mesh import locate
+from pyblast.mesh.mesh import locate_in_zones
 from pyblast.model.joint import Joint
 from pyblast.model.model import Model
 from pyblast.model.source import Column, Hole, MomentTensor, TimeFunction
@@ -139,7 +139,7 @@ def layered(kind, **parts):
 def test_a_moment_keeps_its_sum_centre_and_ground_at_any_depth(kind, depth):
     body = layered(kind)
     position, tensor = np.array([17.0, 21.0, -depth]), np.diag([1.0, 2.0, 3.0]) + 0.5
-    zone = locate(body.mesh, position)[0][0]
+    zone = locate_in_zones(body.mesh, position)[0][0]
     radius = source_radius(body.nodes, zone, position)
 
     for flat in (False, True):
@@ -160,7 +160,7 @@ def test_the_radius_ends_where_the_ground_ends():
     split = structured_box((4, 4, 4), (40.0, 40.0, 40.0), order=4, planes={"J": ("x", 20.0)})
     joint = Joint("J", "elastic", {"kn": 1e9, "ks": 1e9})
     body = Model(split.split(["J"]), {"rock": ROCK}, joints=[joint])
-    zone = locate(body.mesh, [17.0, 12.0, 18.0])[0][0]
+    zone = locate_in_zones(body.mesh, [17.0, 12.0, 18.0])[0][0]
 
     assert clearance(body.mesh, np.array([17.0, 12.0, 18.0]), 8.0) == pytest.approx(3.0)
     assert clearance(body.mesh, np.array([14.0, 12.0, 37.5]), 8.0) == pytest.approx(2.5)

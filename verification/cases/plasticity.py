@@ -7,7 +7,7 @@ import numpy as np
 
 from pyblast import core
 from pyblast.mesh.builder import structured_box
-from pyblast.mesh.mesh import Mesh, volumes
+from pyblast.mesh.mesh import Mesh, zone_volumes
 from pyblast.model.anisotropy import HoekBrown, UbiquitousJoints
 from pyblast.model.boundary import Fixed, VelocityInput
 from pyblast.model.material import Material, MohrCoulomb
@@ -166,7 +166,7 @@ def ring_means(mesh, prepared):
     """Return distance, radial and hoop pressure (n_rings,): means over the rings of cells."""
     zone, stress, _ = yield_states(prepared.constants, prepared.state)
     x, y = mesh.points[mesh.zones].mean(axis=1)[zone, :2].T
-    volume, distance = volumes(mesh)[zone], np.hypot(x, y)
+    volume, distance = zone_volumes(mesh)[zone], np.hypot(x, y)
     c, s = x / distance, y / distance
     radial = -(stress[:, 0] * c**2 + stress[:, 1] * s**2 + 2.0 * stress[:, 5] * s * c)
     hoop = -(stress[:, 0] * s**2 + stress[:, 1] * c**2 - 2.0 * stress[:, 5] * s * c)

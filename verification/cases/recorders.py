@@ -136,7 +136,7 @@ def operators():
     s = 2j * np.pi * frequency
     w0 = 2.0 * np.pi * 4.5
     cases = {
-        "geophone": (recorder.geophone(4.5, 0.6), s**2 / (s**2 + 1.2 * w0 * s + w0**2)),
+        "geophone": (recorder.geophone_response(4.5, 0.6), s**2 / (s**2 + 1.2 * w0 * s + w0**2)),
         "coupling": (recorder.coupling(40.0, 0.2), (1 + 0.4 * s / (2 * np.pi * 40.0))
                      / (1 + 0.4 * s / (2 * np.pi * 40.0) + (s / (2 * np.pi * 40.0)) ** 2)),
         "clock": (recorder.clock(0.01234), np.exp(-s * 0.01234)),

@@ -22,7 +22,7 @@ from ...project.flat_box import (
 )
 from ..calibration import scaled
 from ..hypotheses import (
-    elastic_ground,
+    elastic_materials,
     flat_layers,
     ground_without_loss,
     hypothesis,
@@ -80,7 +80,7 @@ class Fabric:
 
 _LOSS = {
     "family": "path", "on": "site", "axis": "both", "needs": (unknown_quality,),
-    "simulated": (elastic_ground,),
+    "simulated": (elastic_materials,),
     "decided_by": "receivers at distances of three to one, without a joint between them",
 }  # fmt: skip
 
@@ -166,7 +166,7 @@ def _as_stiff(project, target, azimuth, normal, shear):
     ],
     decided_by="receivers in five or more directions from the blast",
     needs=(ground_without_loss, three_directions),
-    simulated=(elastic_ground, zones_of_constant_strain),
+    simulated=(elastic_materials, zones_of_constant_strain),
 )
 def anisotropy(project, target, azimuth, normal, shear):
     """Upright fissures slow waves across them, at an azimuth from north, more than along them."""
@@ -416,7 +416,7 @@ def _as_dry(project, target, depth, faster):
         ),
     ],
     decided_by="the level of water in a borehole, or a refraction survey of P waves",
-    simulated=(remeshable, elastic_ground),
+    simulated=(remeshable, elastic_materials),
 )
 def water_table(project, target, depth, faster):
     """Water fills the ground below a depth: P waves are faster there, S waves are not."""

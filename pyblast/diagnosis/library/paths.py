@@ -3,8 +3,7 @@
 import numpy as np
 from scipy import fft
 
-from ...back_analysis.fit import firings_of
-from ...inference.error_model import hole_parts
+from ...inference.nuisances import firings_of, hole_parts
 from ...inference.parameter import Parameter
 from ...model.joint import Joint
 from ..hypotheses import elastic_joints, hypothesis, unknown_quality

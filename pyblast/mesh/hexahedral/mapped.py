@@ -258,7 +258,9 @@ def between_zones(
     return {**{side: surfaces[side] for side in SIDES}, **distinct}
 
 
-def merged(values: Sequence[float], ends: Sequence[float], tolerance: float) -> list[float]:
+def distinct_values(
+    values: Sequence[float], ends: Sequence[float], tolerance: float
+) -> list[float]:
     """Return sorted values between two ends; those near an end or an earlier one are left out."""
     distinct = [float(end) for end in ends]
     for value in values:
@@ -350,7 +352,7 @@ class Builder(Protocol):
         ...
 
 
-def build(
+def build_mapped(
     geometry: Geometry, sizes: Sequence[float], order: int, lines: Sequence[Fine] | None = None
 ) -> Mesh:
     """Build the mapped grid of least work that serves, as a `Builder`.
@@ -361,7 +363,7 @@ def build(
     >>> box = np.array([[0.0, 40.0], [0.0, 40.0], [-20.0, 0.0]])
     >>> fault = Fault("F", 1.0, 0.5, (20.0, 20.0, 0.0))
     >>> ground = Geometry(box, (Layer("rock"),), faults=(fault,), standing=frozenset(["top"]))
-    >>> mesh = build(ground, [20.0], 4)
+    >>> mesh = build_mapped(ground, [20.0], 4)
     >>> mesh.groups, len(mesh.split(["F"]).contacts.names)
     (('rock',), 1)
     """
@@ -530,9 +532,9 @@ class _Grid:
             levels += [] if self.surface is None else [self.level]
         if axis == 0:
             levels, ends = [each.x for each in self.family[1:-1]], []
-        anchors = merged(sorted(levels), (low, high), tolerance)
-        near = merged([*anchors[1:-1], *ends], (low, high), SAME * self.edge)
-        anchors = merged(sorted([*anchors[1:-1], *near[1:-1]]), (low, high), tolerance)
+        anchors = distinct_values(sorted(levels), (low, high), tolerance)
+        near = distinct_values([*anchors[1:-1], *ends], (low, high), SAME * self.edge)
+        anchors = distinct_values(sorted([*anchors[1:-1], *near[1:-1]]), (low, high), tolerance)
         fine = [(part, self._limits_of(part, axis)) for part in lines]
         parts = [divided(u, v, self._edge_between(axis, u, v), fine) for u, v in pairwise(anchors)]
         return self._with_layer(axis, np.concatenate([*parts, [high]]))

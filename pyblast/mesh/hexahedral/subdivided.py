@@ -19,7 +19,7 @@ from ..grid import SIDES, Geometry
 from ..mesh import Mesh
 from ..quality import explicit_work
 from .mapped import SAME, Fine, NotMapped, Surface, between_zones, layer_beside, layer_cells
-from .swept import sliding, smoothed, upright
+from .swept import sliding, smoothed_quadrilaterals, upright
 
 EDGES = np.array([[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]])  # of a tetrahedron
 OPPOSITE = np.array([[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]])  # corners of its faces
@@ -37,7 +37,7 @@ WORSE = 2.0  # work of another trial over the least before, after which none is 
 POWERS, ITERATIONS = (4, 16), 60  # lengthens the step by half
 
 
-def build(
+def build_subdivided(
     geometry: Geometry, sizes: Sequence[float], order: int, lines: Sequence[Fine] | None = None
 ) -> Mesh:
     """Build hexahedra of order 2 to 4 from tetrahedra, as a `mapped.Builder`."""
@@ -186,7 +186,7 @@ def _smoothed(points, zones, group, surfaces, edge):
     near = np.repeat(poor[zones].any(axis=1), 8)
     used, local = np.unique(corners[near], return_inverse=True)
     moved = points.copy()
-    moved[used] = smoothed(
+    moved[used] = smoothed_quadrilaterals(
         points[used], local.reshape(-1, 4), free[used], 0.5 * edge, POWERS, ITERATIONS
     )
     return moved

@@ -27,11 +27,11 @@ from .mapped import (
     Plane,
     Surface,
     between_zones,
+    distinct_values,
     divided,
     extent_along,
     layer_beside,
     layer_cells,
-    merged,
     planes_of,
     side_names,
 )
@@ -57,7 +57,7 @@ class _Trace:
     along: tuple[float, float] | None = None
 
 
-def build(
+def build_swept(
     geometry: Geometry, sizes: Sequence[float], order: int, lines: Sequence[Fine] | None = None
 ) -> Mesh:
     """Build a swept mesh, as a `mapped.Builder`."""
@@ -223,7 +223,7 @@ def _work(points, quads):
     return len(quads) * float(np.sqrt(((a**2 + b**2).sum(axis=-1) / area**2).max()))
 
 
-def smoothed(
+def smoothed_quadrilaterals(
     points: np.ndarray,
     corners: np.ndarray,
     free: np.ndarray,
@@ -514,7 +514,7 @@ class _Sweep:
         normals = np.column_stack([-lines[:, 1], lines[:, 0]]) / np.hypot(*lines.T)[:, None]
         free = sliding(len(points), fixed, normals, np.flatnonzero(nearest < tolerance))
         corners = [quads[:, [k, (k + 1) % 4, k - 1]] for k in range(4)]
-        points = smoothed(points, np.concatenate(corners), free, self.edge)
+        points = smoothed_quadrilaterals(points, np.concatenate(corners), free, self.edge)
         for axis, end in product((0, 1), (0, 1)):
             on = np.abs(points[:, axis] - limits[axis, end]) < 100.0 * tolerance
             points[on, axis] = limits[axis, end]
@@ -593,9 +593,9 @@ class _Sweep:
             heights = [*self.geometry.limits[1:-1], *([] if self.level is None else [self.level])]
             levels += [float(self.upward * height) for height in heights]
         ends = [end for trace in traces if trace.along is not None for end in trace.along]
-        anchors = merged(sorted(levels), (low, high), TINY)
-        near = merged([*anchors[1:-1], *ends], (low, high), self.tolerance)
-        anchors = merged(sorted([*anchors[1:-1], *near[1:-1]]), (low, high), TINY)
+        anchors = distinct_values(sorted(levels), (low, high), TINY)
+        near = distinct_values([*anchors[1:-1], *ends], (low, high), self.tolerance)
+        anchors = distinct_values(sorted([*anchors[1:-1], *near[1:-1]]), (low, high), TINY)
         fine = [(part, tuple(limits[2])) for part, limits in self.fine]
         parts = []
         for first, second in pairwise(anchors):

@@ -1,4 +1,4 @@
-"""Model error: columns for delay, gain, rotation and source, and scattered motion."""
+"""Nuisances: columns of motion for small errors of a model and its survey, scattered motion."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -6,9 +6,16 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import fft, ndimage
 
+from ..config.config import PriorsConfig
 from ..errors import InputError
+from ..project.project import Project
+from .parameter import SPEED, STIFFNESS
 from .records import Band
 
+# Prior standard deviations: of what the better mesh leaves, over its change; of the spectrum of a
+# blast at four cosines over log frequency; of ground between receivers, and frequencies.
+UNCORRECTED, SOURCE = 0.3, 0.01
+UNEVEN = {SPEED: 0.003, STIFFNESS: 0.05}
 N_MODES = 3
 N_TRANSFER = 6
 
@@ -387,3 +394,51 @@ def transfer_columns(motion, band: Band, n_modes: int = N_TRANSFER) -> Nuisances
         for r, c in np.ndindex(energy.shape)
     ]
     return moving_columns({"transfer": columns}, parts.shape[1:])
+
+
+def survey_columns(
+    motion, moved, blasts: Sequence[Project], receivers: Sequence[str], band, priors: PriorsConfig
+) -> tuple[Nuisances, np.ndarray]:
+    """Return the nuisances of trigger, clocks, places and firings, and the change by attenuation.
+
+    Parameters
+    ----------
+    motion : (n_blasts, n_receivers, 3, n_samples) float64, m/s
+    moved : (2, n_blasts, n_receivers, 3, n_samples) float64, 1/s
+        Change of the motion by a move of its receiver to the east and to the north.
+    blasts : sequence of Project
+    receivers : sequence of str
+    band : Band
+    priors : PriorsConfig
+    """
+    seconds = {"trigger": 1e-3 * priors.trigger_ms, "clock": 1e-3 * priors.clock_ms}
+    shifts = shift_columns(motion, moved, band, {**seconds, "receiver": priors.receiver_m})
+    firings = [firings_of(blast, receivers) for blast in blasts]
+    holes, lost = hole_columns(motion, firings, band, 1e-3 * priors.firing_ms)
+    return shifts + holes, lost
+
+
+def firings_of(blast: Project, receivers: Sequence[str]) -> Firings | None:
+    """Return the firings of a blast with their travel times; None where nothing fires by hole.
+
+    Holes inside fire at the centre of their moment rate, from which their waves travel.
+    """
+    config, fired = blast.config, blast.blast
+    if fired is None or (config.holes_inside is None and config.signature is None):
+        return None
+    if config.holes_inside is None:
+        firing = blast.firing
+        late = np.zeros((len(receivers), len(firing.times)))
+        return Firings(firing.times - firing.times.min(), firing.scales, late)
+    exponent = 1.0 if config.blast is None else config.blast.charge_exponent
+    charge = np.nan_to_num(fired.charge) ** exponent
+    speed = min(rock.cs for rock in blast.materials.values())
+    known = {receiver.name: np.asarray(receiver.position) for receiver in blast.receivers}
+    late = np.zeros((len(receivers), len(charge)))
+    for r, name in enumerate(receivers):
+        if name in known:
+            away = np.linalg.norm(fired.centres - known[name], axis=1)
+            late[r] = (away - away.mean()) / speed
+    rate = blast.inside.moment_rate
+    emitted = 0.0 if rate is None else rate.centre
+    return Firings(fired.times - fired.times.min() + emitted, charge, late)
