@@ -175,10 +175,18 @@ def write_text(path, text):
 
 
 def write_bytes(path, content):
-    """Write a file atomically: to a temporary file, flushed and renamed."""
+    """Write a file atomically: to a temporary file, flushed and renamed.
+
+    A folder that is gone is made again; letters that the file system lacks become underscores.
+    """
     path = Path(path)
+    try:
+        os.fsencode(path)
+    except UnicodeEncodeError:
+        path = path.with_name(path.name.encode("ascii", "replace").decode().replace("?", "_"))
     beside = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
+        path.parent.mkdir(parents=True, exist_ok=True)
         with beside.open("wb") as file:
             file.write(content)
             file.flush()

@@ -25,6 +25,8 @@ def write_arrays(
 ) -> None:
     """Write groups of named arrays atomically: to a temporary file, then rename.
 
+    A folder that is gone is made again.
+
     Parameters
     ----------
     path : path
@@ -37,6 +39,7 @@ def write_arrays(
     path, array_attributes = Path(path), array_attributes or {}
     beside = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
+        path.parent.mkdir(parents=True, exist_ok=True)
         with beside.open("w+b", buffering=0) as raw:
             storage = _Storage(raw)
             try:
