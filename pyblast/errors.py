@@ -77,7 +77,7 @@ class Finding:
     Parameters
     ----------
     code : str
-        D1 to D44.
+        D and a number, listed in docs/reference/findings.md.
     title, text : str
         What it is in general; what it is here, in numbers.
     failed : bool
@@ -89,8 +89,8 @@ class Finding:
     code: str
     title: str
     text: str
-    failed: bool = False
-    numbers: dict[str, float] = field(default_factory=dict)
+    failed: bool = field(default=False, kw_only=True)
+    numbers: dict[str, float] = field(default_factory=dict, kw_only=True)
 
     def __post_init__(self) -> None:
         """Write large numbers of the text without powers of ten."""

@@ -13,8 +13,8 @@ from ..errors import InputError, PyblastError, PyblastWarning, ReadError
 from ..readers.cells import decode_lines, read_bytes, read_columns, split_line, wanted_by
 from ..readers.provenance import ReadLog
 from ..readers.tables import read_table
-from ..recordings.pieces import Stretch, common_windows, stretches_of
-from ..recordings.raw import MAX_FILE_BYTES, at_level, is_dead, plateau_level, uniform_step
+from ..recordings.pieces import Stretch, common_step, common_windows, stretches_of
+from ..recordings.raw import MAX_FILE_BYTES, clipped_samples, is_dead, uniform_step
 from ..recordings.recording import Gather, Recording, first_recording, read_gather, read_recording
 from ..recordings.seismic import quantity_of, read_traces, sniff_seismic
 from ..units import FACTORS, split_key
@@ -261,14 +261,11 @@ def _from_recording(path: Path, log: ReadLog) -> tuple[Recording, Gather, list[s
 
 def _gather(path, data, dt, start, unit, time, places, source) -> Gather:
     """Return a gather whose dead channels and clipped samples are marked."""
-    levels = [level for level in map(plateau_level, data) if level is not None]
-    clipped = np.zeros(data.shape, bool)
-    for level in levels:
-        clipped |= at_level(np.abs(data), level)
+    clipped, full_scale = clipped_samples(data)
     return Gather(
         data=data, dt=dt, start=start, source_position=source, receiver_positions=places,
         unit=unit, dead=np.array([is_dead(row) for row in data]), clipped=clipped,
-        full_scale=max(levels, default=None), label=path.stem, time=time,
+        full_scale=full_scale, label=path.stem, time=time,
     )  # fmt: skip
 
 
@@ -283,7 +280,7 @@ def _joined(single: list[FieldRecord], log: ReadLog) -> list[FieldRecord]:
             other = group[0].gather
             if (
                 abs(UTCDateTime(other.time) - begin) < 1.0
-                and abs(other.dt - record.gather.dt) <= 1e-9 * other.dt
+                and common_step([other.dt, record.gather.dt], other.data.shape[1]) is not None
                 and record.channels[0] not in [member.channels[0] for member in group]
             ):
                 group.append(record)

@@ -146,8 +146,8 @@ def ground_as_built(rows):
         "D39",
         "The ground differs from what was asked for" if wrong else "A position lies on a joint",
         "; ".join(text) + ".",
-        bool(wrong),
-        {"wrong": float(len(wrong)), "on_joint": float(len(on_joint))},
+        failed=bool(wrong),
+        numbers={"wrong": float(len(wrong)), "on_joint": float(len(on_joint))},
     )
 
 
@@ -380,9 +380,11 @@ def comb_return(firing, frequency, low_passed):
         f"The comb is {comb['band_level']:.2f} at the {band:.3g} Hz filter and 1 again at "
         f"{comb['returns']:.3g} Hz; the filter takes up to {100 * removed:.3g} % of a component's "
         f"energy and changes its PPV by up to {100 * change:.3g} %.",
-        removed > 0.5,
-        {"returns": comb["returns"], "band_level": comb["band_level"], "removed_energy": removed,
-         "ppv_change": change},
+        failed=removed > 0.5,
+        numbers={
+            "returns": comb["returns"], "band_level": comb["band_level"],
+            "removed_energy": removed, "ppv_change": change,
+        },
     )  # fmt: skip
 
 
@@ -483,8 +485,8 @@ def short_air_waves(surface, edge, speed, band, per_wave=10.0):
         f"Edges of {edge:.3g} m at '{surface}' carry {carried:.3g} Hz at {speed:g} m/s, the pulse "
         f"has {band:.3g} Hz: the motion of the ground below is too small or scattered. Edges there "
         f"must be at most {speed / (per_wave * band):.2g} m.",
-        True,
-        {"carried": carried, "needed_edge": speed / (per_wave * band)},
+        failed=True,
+        numbers={"carried": carried, "needed_edge": speed / (per_wave * band)},
     )
 
 
@@ -497,8 +499,8 @@ def charge_fits(charge, diameter, depth, density=ANFO_DENSITY):
         "The charge fits its hole" if fits else "The charge does not fit its hole",
         f"{charge:g} kg at {density:g} kg/m3 (assumed) in {1e3 * diameter:g} mm fill "
         f"{length:.1f} m of {depth:g} m.",
-        not fits,
-        {"length": length},
+        failed=not fits,
+        numbers={"length": length},
     )
 
 

@@ -331,8 +331,8 @@ def beyond_memory(needed, free):
         f"It needs about {plain_number(needed / 1e9)} GB, the machine has "
         f"{plain_number(free / 1e9)} GB left: take longer edges, fewer receivers or a shorter "
         "run.duration_s.",
-        True,
-        {"needed": needed, "free": free},
+        failed=True,
+        numbers={"needed": needed, "free": free},
     )
 
 

@@ -212,6 +212,6 @@ def elastic_finding(ground: ElasticGround | None, receivers) -> Finding | None:
             "compare with elastic ground."
         )
     return Finding(
-        "D42", "The ground around the sources is kept elastic", text, bool(reached),
-        {"radius": radius} | reached,
+        "D42", "The ground around the sources is kept elastic", text, failed=bool(reached),
+        numbers={"radius": radius} | reached,
     )  # fmt: skip

@@ -308,8 +308,8 @@ def implausible_level(peaks: Iterable[Peak], advice: str = "") -> Finding | None
         "D36",
         f"The level is {which} for charge and distance",
         f"{listed}{more} (5-95 %). {' '.join(remedies)}".strip(),
-        max(max(peak.excess, 1.0 / max(peak.excess, 1e-300)) for peak in outside) >= FAR,
-        {peak.name: peak.excess for peak in outside},
+        failed=max(max(peak.excess, 1.0 / max(peak.excess, 1e-300)) for peak in outside) >= FAR,
+        numbers={peak.name: peak.excess for peak in outside},
     )
 
 
@@ -450,8 +450,8 @@ def off_its_law(project: Project, peaks: Iterable[Peak]) -> Finding | None:
         "level. Look at how pulses of delayed holes overlap (a frequency_hz below that of records, "
         "a low-pass), at the distance where the law holds (distance_m, that of the receivers), "
         "and at soil or faults on the way.",
-        max(factors[peak.name] for peak in off) > OFF,
-        {peak.name: peak.times_predicted for peak in off},
+        failed=max(factors[peak.name] for peak in off) > OFF,
+        numbers={peak.name: peak.times_predicted for peak in off},
     )
 
 
@@ -613,8 +613,8 @@ def energy_finding(energy: SourceEnergy) -> Finding | None:
         "that delayed holes overlap; joints or ground that slip and yield at the sources "
         "(holes_inside.core_m); a level that is too high. Take a law's level per delay and a "
         "pulse of the frequency of records.",
-        energy.share > MOST_SHARE,
-        {"energy": energy.put_in, "share": energy.share},
+        failed=energy.share > MOST_SHARE,
+        numbers={"energy": energy.put_in, "share": energy.share},
     )
 
 
@@ -705,8 +705,8 @@ def unlikely_values(materials, joints, config=None, times=()) -> Finding | None:
         "D26",
         "A value looks like one in another unit",
         f"{'; '.join(words)}; units are in the keys.",
-        True,
-        numbers,
+        failed=True,
+        numbers=numbers,
     )
 
 

@@ -225,8 +225,8 @@ def band_finding(project: Project, band: Band, seconds: float | None = None) -> 
         f"{100 * band.peak_share:.2g} % of the peak of what enters are in the run. '"
         f"{band.limited_by}' decides that.{_price(project, band, seconds)} Peaks are those of "
         f"motion below {plain_number(band.carried)} Hz; frequencies and limits are not compared.",
-        compared is None or NEARLY * compared[1] > band.carried,
-        {"carried": band.carried, "needed": band.needed, "energy": band.energy_share,
+        failed=compared is None or NEARLY * compared[1] > band.carried,
+        numbers={"carried": band.carried, "needed": band.needed, "energy": band.energy_share,
          "peak": band.peak_share},
     )  # fmt: skip
 

@@ -390,6 +390,7 @@ _DATA = tomllib.loads(
     resources.files("pyblast.readers").joinpath("titles.toml").read_text(encoding="utf-8")
 )
 _UNITS = {word: name for name, words in _DATA["units"].items() for word in words.split()}
+_IN_BRACKETS = {"t", "min"}  # units only there, other words elsewhere
 HARMLESS = frozenset(_DATA["harmless"].split())
 TOTALS = frozenset(_DATA["totals"].split())
 
@@ -542,7 +543,7 @@ def title_splits(text: str) -> Iterator[tuple[str, str]]:
         if text.endswith(f"_{unit}") or text.lower().endswith(f"_{unit}"):
             yield text[: -len(unit) - 1], unit
     head, _, tail = text.rpartition(" ")
-    if head and (unit_name(tail) or is_pressure(tail)):
+    if head and (unit_name(tail) or is_pressure(tail)) and tail.lower() not in _IN_BRACKETS:
         yield head.rstrip(" ,:/-"), tail
     yield text, ""
 

@@ -337,12 +337,14 @@ def _units_of(where, wanted, sources, data):
             unit = "s"
         if quantity.units and not unit:
             listed = [unit.replace("_per_", "/") for unit in quantity.units]
-            example = f"'{name.capitalize()} ({listed[0]})'"
-            raise ReadError(f"{where}: {source.name} needs its unit, {' or '.join(listed[:3])}, "
-                            f"such as {example}")  # fmt: skip
+            said = (
+                f"is in {source.unit!r}, not read here; write" if source.unit else "needs its unit,"
+            )
+            raise ReadError(f"{where}: {source.name} {said} {' or '.join(listed[:3])}, such as "
+                            f"'{name.capitalize()} ({listed[0]})'")  # fmt: skip
         taken += [source.title or name] if unit == "m" and not source.unit else []
         units[name] = unit
-    odd = next((n for n in sources if units[n] in ("ft", "lb")), None)
+    odd = next((n for n in sources if units[n] in ("ft", "us_ft", "lb")), None)
     if odd and taken:
         raise ReadError(
             f"{where}: {sources[odd].name} is in {units[odd]}, and the unit of {', '.join(taken)} "

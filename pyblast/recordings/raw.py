@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.integrate import cumulative_simpson
 
 from ..errors import InputError, ReadError
 from ..readers.cells import NumberFormat, number, plain_word, unit_factor, unit_name
@@ -77,14 +78,15 @@ def velocity_factor(symbol: str, where: str) -> float:
 
 def quantity(text: str, where: str, unit: str = "") -> Printed | None:
     """Parse a quantity such as ``12.5 mm/s`` or ``>100 Hz`` into SI; None if not measured."""
-    if text.strip().lower() in ("", "n/a", "na", "-", "--", "---", "oorange"):
+    if text.strip().lower() in ("", "n/a", "na", "-", "--", "---", "oorange", "off", "none"):
         return None
     match = _QUANTITY.fullmatch(text.strip())
     if match is None:
         raise ReadError(f"{where}: expected a number with a unit, got '{text.strip()[:40]}'")
-    bound, digits, symbol = match.groups()
+    bound, digits, words = match.groups()
     decimal = "," if "," in digits else "."
-    symbol = symbol or unit
+    first = words.split()[:1]  # "sec at 1024 sps" is a time
+    symbol = first[0] if first and not unit_name(words) and unit_name(first[0]) else words or unit
     factor = unit_factor(symbol, where) if symbol else 1.0
     mantissa = re.split("[eE]", digits)[0]
     decimals = len(mantissa.partition(decimal)[2])
@@ -137,11 +139,25 @@ def common_velocity_factor(symbols: list[str], where: str) -> float:
     return velocity_factor(symbols[0], where)
 
 
+def integrated_to_velocity(acceleration: np.ndarray, dt: float) -> tuple[np.ndarray, str]:
+    """Return the velocity (n_samples,) in m/s of an acceleration less its mean, and a note of it.
+
+    Parameters
+    ----------
+    acceleration : (n_samples,) float64, m/s2
+    dt : float, s
+    """
+    level = acceleration.mean()
+    velocity = cumulative_simpson(acceleration - level, dx=dt, initial=0.0)
+    return velocity, f"integrated from acceleration less its mean of {level:.3g} m/s2"
+
+
 TOLERANCE = 0.01
 FREQUENCY_TOLERANCE = 0.03
 PLATEAU = 3
 FULL_SCALE_MARGIN = 5e-4
 PLATEAU_MARGIN = 1e-6
+ONE_SIDED = 0.5  # of the largest sample, below which a flat side is rest
 
 
 def check_printed(
@@ -188,56 +204,57 @@ def device_values(seismogram: Seismogram) -> dict[str, float]:
     return values
 
 
-def clipped_samples(samples: np.ndarray, full_scale: float | None) -> np.ndarray:
-    """Return which samples are clipped: at full scale, or on a plateau if that is unknown.
+def clipped_samples(
+    channels: np.ndarray, full_scale: float | None = None
+) -> tuple[np.ndarray, float | None]:
+    """Return which samples are clipped: at full scale, or on a flat top at any level.
 
     Parameters
     ----------
-    samples : (n_samples,) float64
+    channels : (n_channels, n_samples) float64
+        Of one converter: a flat top in one of them holds for all.
     full_scale : float or None, same unit
 
     Returns
     -------
-    (n_samples,) bool
+    clipped : (n_channels, n_samples) bool
+    full_scale : float or None
+        As given, else the highest flat top.
     """
-    size = np.abs(samples)
-    if full_scale is not None:
-        return size >= full_scale * (1.0 - FULL_SCALE_MARGIN)
-    level = plateau_level(samples)
-    return np.zeros(len(samples), bool) if level is None else at_level(size, level)
+    size = np.abs(channels)
+    levels = [level for samples in channels for level in _flat_tops(samples)]
+    clipped = np.zeros(size.shape, bool)
+    for level in levels:
+        clipped |= np.abs(size - level) <= level * PLATEAU_MARGIN
+    if full_scale is None:
+        return clipped, max(levels, default=None)
+    return clipped | (size >= full_scale * (1.0 - FULL_SCALE_MARGIN)), full_scale
 
 
-def at_level(size: np.ndarray, level: float) -> np.ndarray:
-    """Return which magnitudes equal a level of the converter."""
-    return np.abs(size - level) <= level * PLATEAU_MARGIN
+def _flat_tops(samples):
+    """Return the levels at which the highest and the lowest samples are cut off.
 
-
-def plateau_level(samples: np.ndarray) -> float | None:
-    """Return the clipping level of a converter of unknown full scale, None if nothing is clipped.
-
-    Clipped are three or more equal consecutive samples at the extreme, unless a smooth peak
+    A flat top is three or more equal consecutive samples at an extreme, unless a smooth peak
     rounded to digits looks the same: the flank, extrapolated over half of the plateau, must exceed
     the level by more than 8 digits (a parabola: at most 7), and the level must be at least 32
-    digits.
+    digits. With an offset of the zero the two sides are cut at levels of their own.
     """
     values = np.unique(samples)
     if len(values) < 3:
-        return None
+        return
     step = np.min(np.diff(values))
-    size = np.abs(samples)
-    for extreme in (samples == values[-1], samples == values[0]):
-        edges = np.flatnonzero(np.diff(np.concatenate([[0], extreme.astype(np.int8), [0]])))
+    for top in (values[-1], values[0]):
+        edges = np.flatnonzero(
+            np.diff(np.concatenate([[0], (samples == top).astype(np.int8), [0]]))
+        )
         for first, last in zip(edges[::2], edges[1::2], strict=True):
-            level = float(size[first])
-            if last - first < PLATEAU or level < np.max(size) * (1.0 - PLATEAU_MARGIN):
+            length, level = last - first, abs(float(top))
+            if length < PLATEAU or level < max(32.0 * step, ONE_SIDED * np.max(np.abs(values))):
                 continue
-            over = max(
-                _overshoot(samples[:first][::-1], samples[first], last - first),
-                _overshoot(samples[last:], samples[first], last - first),
-            )
-            if over > 8.0 * step and level >= 32.0 * step:
-                return level
-    return None
+            flanks = samples[:first][::-1], samples[last:]
+            if max(_overshoot(flank, top, length) for flank in flanks) > 8.0 * step:
+                yield level
+                break
 
 
 def _overshoot(flank, level, length):

@@ -16,14 +16,12 @@ from .raw import (
     LONE,
     MAX_FILE_BYTES,
     RawRecord,
-    at_level,
     check_printed,
     clipped_samples,
     constant_offset,
     decibels,
     is_dead,
     lone_spike,
-    plateau_level,
 )
 from .segy import read_segy
 from .seismic import check_bytes, deconvolve, read_seg2, read_traces, sniff_seismic, station_records
@@ -336,7 +334,7 @@ def _recording(path, raw, bearing, full_scale):
     _refuse_nonsense(path, raw, full_scale)
     n_samples = len(next(iter(raw.channels.values())))
     velocity = _columns(raw.channels, axes, n_samples)
-    marks = {name: clipped_samples(x, full_scale) for name, x in raw.channels.items()}
+    marks = {name: clipped_samples(x[None], full_scale)[0][0] for name, x in raw.channels.items()}
     clipped = np.nan_to_num(_columns(marks, axes, n_samples)).astype(bool)
     dead = tuple(name for name, samples in raw.channels.items() if is_dead(samples))
     seismogram = Seismogram(velocity, raw.dt, raw.start, raw.label, axes, raw.low_passed)
@@ -532,18 +530,8 @@ def read_gather(
     for text in [*entry.remarks, *(f"{loss.part}: {loss.why}" for loss in entry.losses)]:
         _warn(f"{path}: {text}")
     dead = np.array([is_dead(samples) for samples in values["data"]])
-    clipped, full_scale = _clipped(values["data"], full_scale)
+    clipped, full_scale = clipped_samples(values["data"], full_scale)
     return Gather(dead=dead, clipped=clipped, full_scale=full_scale, label=path.stem, **values)
 
 
 _GATHERS = {"SEG2": read_seg2, "SEGY": read_segy}
-
-
-def _clipped(data, full_scale):
-    """Return the clipped samples and the full scale, given or detected in any channel."""
-    if full_scale is not None:
-        return np.abs(data) >= full_scale * (1.0 - 1e-6), full_scale
-    levels = [level for level in map(plateau_level, data) if level is not None]
-    if not levels:
-        return np.zeros(data.shape, bool), None
-    return np.any([at_level(np.abs(data), level) for level in levels], axis=0), max(levels)

@@ -9,14 +9,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from scipy.integrate import cumulative_simpson
 
 from ..errors import InputError, ReadError
 from ..readers.cells import read_bytes
 from ..readers.provenance import FileRead
 from ..units import FACTORS
-from .pieces import common_windows, leave_out, stretches_of
-from .raw import RawRecord
+from .pieces import common_step, common_windows, leave_out, stretches_of
+from .raw import RawRecord, integrated_to_velocity
 from .segy import is_segy, layout
 
 if TYPE_CHECKING:
@@ -373,9 +372,7 @@ def _station(where, group, microphones, entry, axes, *, zero, unit):
         for n, name in enumerate(names):
             values = factor * window.samples(n, dt).astype(np.float64)
             if integrate:
-                level = values.mean()
-                values = cumulative_simpson(values - level, dx=dt, initial=0.0)
-                note = f"integrated from acceleration less its mean of {level:.3g} m/s2"
+                values, note = integrated_to_velocity(values, dt)
                 taken = (*taken, f"{name} was {note}")
             samples[name.rpartition(".")[2]] = values
         oriented = axes(samples)
@@ -415,7 +412,7 @@ def _microphone(where, traces, begin, length, dt, entry, unit):
     reason = (
         "there is another one" if len(traces) > 1
         else "its samples are counts" if unit == "counts" or trace.data.dtype.kind == "i"
-        else "it has another sampling rate" if abs(trace.stats.delta - dt) > 1e-9 * dt
+        else "it has another sampling rate" if common_step([trace.stats.delta, dt], length) is None
         else "it does not cover the record" if skip < 0 or skip + length > trace.stats.npts
         else ""
     )  # fmt: skip
@@ -588,10 +585,12 @@ def read_seg2(path: Path, content: bytes, entry: FileRead) -> dict:
     Keys and errors are those of `segy.read_segy`.
     """
     traces = read_traces(path, content, "SEG2", entry)
-    if len({(trace.stats.npts, trace.stats.delta) for trace in traces}) > 1:
+    n_samples = traces[0].stats.npts
+    dt = common_step([trace.stats.delta for trace in traces], n_samples)
+    if dt is None or any(trace.stats.npts != n_samples for trace in traces):
         raise ReadError(f"{path}: channels differ in number of samples or sampling rate")
-    if traces[0].stats.npts < 2:
-        raise ReadError(f"{path}: expected at least 2 samples, got {traces[0].stats.npts}")
+    if n_samples < 2:
+        raise ReadError(f"{path}: expected at least 2 samples, got {n_samples}")
     headers = [dict(trace.stats.seg2) for trace in traces]
     scaled = [header.get("DESCALING_FACTOR") for header in headers]
     factor = 1.0
@@ -615,7 +614,7 @@ def read_seg2(path: Path, content: bytes, entry: FileRead) -> dict:
     entry.column("samples", "channels", "mV" if all(scaled) else "counts", rows=len(traces))
     data = np.reshape(factor, (-1, 1)) * np.array([trace.data for trace in traces], dtype=float)
     return {
-        "data": data, "dt": float(traces[0].stats.delta), "time": str(traces[0].stats.starttime),
+        "data": data, "dt": dt, "time": str(traces[0].stats.starttime),
         "unit": "V" if all(scaled) else "counts", "start": delays.pop(),
         "receiver_positions": receivers, "header": _summary(headers),
         "source_position": FACTORS[symbol] * _place(path, 0, "SOURCE_LOCATION", headers[0]),

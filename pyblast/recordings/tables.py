@@ -12,6 +12,8 @@ import numpy as np
 from ..errors import InputError, ReadError
 from ..readers.cells import (
     Cells,
+    Wanted,
+    is_number,
     number,
     read_columns,
     split_line,
@@ -35,6 +37,7 @@ from .raw import (
     Printed,
     RawRecord,
     common_velocity_factor,
+    integrated_to_velocity,
     overpressure,
     quantity,
     sampling_step,
@@ -73,32 +76,25 @@ class TextFormat(NamedTuple):
 def read_instantel_ascii(path: Path, lines: list[str], log: ReadLog) -> RawRecord:
     """Read the ASCII export of an Instantel Micromate or Minimate (quoted ``Key : Value``)."""
     titles = next((n for n, line in enumerate(lines) if _is_channel_row(line)), len(lines) - 1)
+    delimiter = next((mark for mark in ";," if mark in lines[titles]), " ")
     header = {}
     for line in lines[:titles]:
-        key, separator, value = line.strip().strip('"').partition(" :")
+        key, separator, value = line.strip(' \t"').partition(":")
         if separator:
-            header.setdefault(" ".join(key.split()).rstrip(":"), value.strip())
-    names = _channels(path, titles + 1, lines[titles].split(), _MICROPHONES)
-    rows = [(n + 1, lines[n].split()) for n in range(titles + 1, len(lines))]
-    return _instantel(path, header, names, rows, log)
+            header.setdefault(" ".join(key.split()), value.lstrip(": \t").rstrip())
+    return _instantel(path, lines, titles, header, log, delimiter)
 
 
 def read_instantel_csv(path: Path, lines: list[str], log: ReadLog) -> RawRecord:
     """Read the CSV export of Instantel THOR (``"Key","Value"`` rows, then a row of channels)."""
     delimiter = _delimiter(lines[0])
-    header, titles, cells = {}, 0, []
-    for titles, line in enumerate(lines):
-        cells = split_line(path, titles + 1, line, delimiter)
-        if sum(cell.lower() in COMPONENT_NAMES for cell in cells) >= 2:
-            break
-        if cells and cells[0]:
-            value = (cells[1:] or [""])[0]
-            header[cells[0]] = "; ".join(filter(None, [header.get(cells[0]), value]))
-    names = _channels(path, titles + 1, cells, _MICROPHONES)
-    rows = [
-        (n + 1, split_line(path, n + 1, lines[n], delimiter)) for n in range(titles + 1, len(lines))
-    ]
-    return _instantel(path, header, names, rows, log, delimiter)
+    titles = next((n for n, line in enumerate(lines) if _is_channel_row(line)), len(lines) - 1)
+    header = {}
+    for n, line in enumerate(lines[:titles], 1):
+        key, value = (*split_line(path, n, line, delimiter), "", "")[:2]
+        if key:
+            header[key] = "; ".join(filter(None, [header.get(key), value]))
+    return _instantel(path, lines, titles, header, log, delimiter)
 
 
 def read_texcel(path: Path, lines: list[str], log: ReadLog) -> RawRecord:
@@ -115,14 +111,16 @@ def read_texcel(path: Path, lines: list[str], log: ReadLog) -> RawRecord:
         raise ReadError(f"{path}, line 2: expected one unit for each of the channels")
     symbols = [table[1][column].strip("[]") for column in names.values()]
     factor = common_velocity_factor(symbols, f"{path}, line 2")
-    columns = read_columns(path, list(enumerate(table[2:], 3)), {"Sample Time": 0, **names})
-    _log_columns(log, path, "Texcel export", names, symbols[0], factor, len(table) - 2)
+    entry = log.file(path, "Texcel export")
+    rows, _ = _samples(path, lines, 1, ",", entry)
+    columns = read_columns(path, rows, {"Sample Time": 0, **names})
+    _log_columns(entry, names, symbols[0], factor, len(rows))
     times = columns.pop("Sample Time")
     rate = header.get("Frequency [Hz]")
     rate = number(rate, f"{path}, 'Frequency [Hz]'") if rate else None
     return RawRecord(
         {name: factor * values for name, values in columns.items()},
-        uniform_step(path, times, list(range(3, len(table) + 1)), rate),
+        uniform_step(path, times, [line for line, _ in rows], rate),
         start=float(times[0]), label=path.stem, instrument="Texcel",
         serial=header.get("Monitor", ""), header=header,
     )  # fmt: skip
@@ -148,10 +146,10 @@ def read_vibracord(path: Path, lines: list[str], log: ReadLog) -> RawRecord:
     if "vertical" not in wanted:
         raise ReadError(f"{where}: expected columns such as 'Channel 1 (mm/s)', found none")
     factor = common_velocity_factor([symbol for _, symbol in units.values()], where)
-    rows = [(n + 1, split_line(path, n + 1, lines[n])) for n in range(titles + 1, len(lines))]
+    entry = log.file(path, "Vibracord export")
+    rows, _ = _samples(path, lines, titles, ",", entry)
     columns = read_columns(path, rows, {"Time": 0, **wanted}, len(cells))
-    symbol = units["Channel 1"][1]
-    _log_columns(log, path, "Vibracord export", wanted, symbol, factor, len(rows))
+    _log_columns(entry, wanted, units["Channel 1"][1], factor, len(rows))
     times, sums = columns.pop("Time"), columns.pop("Vector sum 1", None)
     rate = _required(path, header, "Sampling rate", "sps").value
     before = quantity(header.get("Pretrigger", ""), f"{path}, 'Pretrigger'", "s")
@@ -183,65 +181,109 @@ TEXT_FORMATS = {
 }
 
 
+def _title_cells(line):
+    """Return the titles of a line in lower case, without quotes and units."""
+    cells = re.split(r"[\t;,]", line)
+    return [
+        re.sub(r"[\[(].*", "", cell).strip(' "').lower()
+        for cell in (cells if len(cells) > 1 else line.split())
+    ]
+
+
 def _is_channel_row(line):
     """Return whether a line is the row of channels and not a header line."""
-    return bool(line.strip()) and " :" not in line and not line.lstrip().startswith('"')
+    names = [name in COMPONENT_NAMES or name in _MICROPHONES for name in _title_cells(line)]
+    return ":" not in line and bool(names) and (sum(names) >= 2 or all(names))
 
 
-def _log_columns(log, path, kind, columns, unit, factor, rows):
-    """Add the columns of an export to the log."""
-    entry = log.file(path, kind)
+def _samples(path, lines, titles, delimiter, entry):
+    """Return the numbered rows of samples below the titles, and the units between, if any.
+
+    Rows of words above and below the samples are none.
+    """
+    rows = [
+        (n, [cell.strip('"') for cell in split_line(path, n, line, delimiter)])
+        for n, line in enumerate(lines[titles + 1 :], titles + 2)
+        if line.strip(f"{delimiter} \t")
+    ]
+    units = []
+    while rows and not any(map(is_number, rows[0][1])):
+        units += filter(unit_name, (cell.strip("[]()") for cell in rows.pop(0)[1]))
+    while rows and (
+        re.match(r"[^\W\d]{4}", rows[-1][1][0]) or not any(map(is_number, rows[-1][1]))
+    ):
+        n, cells = rows.pop()
+        entry.dropped(f"line {n} ({' '.join(cells)[:40]!r})", "it holds no samples")
+    return rows, units
+
+
+def _log_columns(entry, columns, unit, factor, rows):
+    """Add the columns of an export to its entry of the log."""
     for name, column in columns.items():
         entry.column(name, f"column {column + 1}", unit, factor, rows=rows)
-    return entry
 
 
-def _instantel(path, header, names, rows, log, delimiter=","):
+def _instantel(path, lines, titles, header, log, delimiter):
     """Return the raw record of either Instantel layout."""
-    keys = {key.replace(" ", "").lower(): key for key in header}
-    unit = header.get(keys.get("units"), "").split(" and")[0].split(";")[0].strip() or "mm/s"
-    factor = velocity_factor(unit, f"{path}, '{keys.get('units', 'Units')}'")
-    rate = _required(path, header, keys.get("samplerate", "Sample Rate"), "sps").value
-    dt = sampling_step(rate, f"{path}, '{keys['samplerate']}'")
-    columns = read_columns(path, rows, names, delimiter=delimiter)
-    pressure = columns.pop("microphone", None)
-    motion = {name: column for name, column in names.items() if name != "microphone"}
-    entry = _log_columns(log, path, "Instantel export", motion, unit, factor, len(rows))
-    channels = {name: factor * values for name, values in columns.items()}
-    loud, notes = _instantel_pressure(header.get(keys.get("units"), ""), pressure)
-    for note in notes:
-        entry.dropped("column of the microphone", note)
+    entry = log.file(path, "Instantel export")
+    keys = {re.sub(r"[\s_.-]", "", key).lower(): key for key in header}
+    names = _channels(path, titles + 1, _title_cells(lines[titles]), _MICROPHONES)
+    rows, below = _samples(path, lines, titles, delimiter, entry)
+    said = [
+        *filter(None, re.split(r"(?i)\s+and\b\s*|\s*[;,&]\s*", header.get(keys.get("units"), "")))
+    ]
 
     def field(*spellings, unit="s"):
         key = next((keys[s] for s in spellings if s in keys), None)
-        if key is None or ":" in header[key]:
+        try:
+            return None if key is None else quantity(header[key], f"{path}, '{key}'", unit)
+        except ReadError:
+            entry.remark(f"'{key}' is not read: {header[key][:40]!r}")
             return None
-        return quantity(header[key], f"{path}, '{key}'", unit)
 
+    unit, loud = (*(said or below or _printed_unit(header)), "", "")[:2]
+    factor = velocity_factor(unit, f"{path}, '{keys.get('units', 'Units')}'")
+    length = re.search(r"(?i)[\d.]+ *(sps|k?hz)", header.get(keys.get("recordtime"), ""))
+    if length is not None:  # "2.0 sec at 1024 sps"
+        header.setdefault("Sample Rate", length[0])
+    rate = _required(path, header, keys.get("samplerate", "Sample Rate"), "sps").value
+    dt = sampling_step(rate, f"{path}, 'Sample Rate'")
+    columns = read_columns(path, rows, names, delimiter=delimiter)
+    pressure = columns.pop("microphone", None)
+    _log_columns(entry, {name: names[name] for name in columns}, unit, factor, len(rows))
+    channels = {name: factor * values for name, values in columns.items()}
+    loud, notes = _instantel_pressure(loud, pressure)
+    for note in notes:
+        entry.dropped("column of the microphone", note)
     printed = _printed(field, unit)
-    before = field("pre-triggerlength", "pretriggerlength", "pretrigger")
+    before = header.get(keys.get("pretriggerlength", keys.get("pretrigger")), "")
+    before = quantity(before, f"{path}, 'Pre-trigger Length'", "s") or Printed(0.0, 0.0)
+    before = abs(before.value)
     length = field("recordtime")
-    expected = (length.value + abs(before.value if before else 0.0)) * rate if length else len(rows)
-    if abs(len(rows) - expected) > 0.01 * expected + 1.0:
+    promised = [] if length is None else [length.value * rate, (length.value + before) * rate]
+    if promised and not any(abs(len(rows) - count) <= 0.01 * count + 1.0 for count in promised):
         raise ReadError(
-            f"{path}: '{keys['recordtime']}' promises {expected:.0f} samples, found {len(rows)}"
+            f"{path}: '{keys['recordtime']}' promises {promised[-1]:.0f} samples, found {len(rows)}"
         )
-    start = -abs(before.value) if before else _start_from_peak(channels, dt, printed)
     full_scale = field("georange", unit=unit)
-    version = header.get(keys.get("version"), "")
     return RawRecord(
-        channels, dt, start,
+        channels, dt, -before if before else _start_from_peak(channels, dt, printed),
         header.get(keys.get("location", keys.get("titlestring1")), "") or path.stem,
-        f"Instantel {version}".strip(), header.get(keys.get("serialnumber"), ""),
-        full_scale.value if full_scale else None,
+        f"Instantel {header.get(keys.get('version'), '')}".strip(),
+        header.get(keys.get("serialnumber"), ""), full_scale.value if full_scale else None,
         _time_stamp(header.get(keys.get("eventtime"), ""), header.get(keys.get("eventdate"), "")),
         header, printed, microphone=loud, notes=notes,
     )  # fmt: skip
 
 
-def _instantel_pressure(units, samples):
+def _printed_unit(header):
+    """Return the unit of the printed peaks of motion, as a list."""
+    peaks = [value for key, value in header.items() if key.upper().endswith("PPV")]
+    return [" ".join(value.split()[1:]) for value in peaks[:1]]
+
+
+def _instantel_pressure(unit, samples):
     """Return the samples of the microphone in Pa, and a note where its unit is not known."""
-    unit = next(iter(re.split(r" and |;", units)[1:]), "").strip()
     if samples is None:
         return None, ()
     if not unit:
@@ -372,7 +414,16 @@ def read_motion(
     head = head_of(cells, wanted, rules)
     if head is None:
         raise ReadError(f"{path}: expected titles such as 'Time (s)', 'Vert (mm/s)', found none")
+    said = _stated(cells.lines[: head.line - 1])
+    head = _with_unit(head, wanted, said.get("unit", ""))
+    accelerating = mapping is None and _accelerates(head, wanted)
+    if accelerating:
+        wanted = Wanted(wanted.quantities | {
+            name: wanted.quantities[name]._replace(units=ACCELERATIONS) for name in MOTION
+        })  # fmt: skip
     table = table_of(cells, head, wanted, rules, log, "table of motion")
+    if "time" not in table.values:
+        own = _stated_sampling(path, said) | own
     _check_motion(path, table, head, own)
     values = table.values
     channels = {name: values[name] for name in MOTION if name in values}
@@ -390,7 +441,10 @@ def read_motion(
                 f"times are rounded to {digit:g} s; taken as {1.0 / dt:.6g} samples a second"
             )
     else:
-        dt = sampling_step(own["sampling_rate"], f"{mapping}, sampling_rate_hz")
+        dt = sampling_step(own["sampling_rate"], f"{mapping or path}, sampling_rate_hz")
+    for name in channels if accelerating else ():
+        channels[name], note = integrated_to_velocity(channels[name], dt)
+        notes.append(f"{name} was {note}")
     pressure = values.get("microphone")
     if pressure is not None:
         pressure = overpressure(pressure, table.units["microphone"], str(path))
@@ -401,6 +455,49 @@ def read_motion(
         header={"mapping": str(mapping)} if mapping else {},
         notes=(*notes, *_axes_notes(table, channels)), low_passed=_low_passed(cells.lines),
     )  # fmt: skip
+
+
+ACCELERATIONS = ("g", "m_per_s2", "cm_per_s2", "mm_per_s2")
+
+
+def _stated(lines):
+    """Return what lines above the titles of a table say of it: quantity and text, with its unit."""
+    said = {}
+    for line in lines:
+        key, *rest = re.split(r"[:=;,\t]", re.sub(r'["#%]', "", line), maxsplit=1)
+        text = re.sub(r"[;\t]", " ", "".join(rest)).strip(" ,")
+        title = wanted_by("stated").title(key)
+        if title.quantity and text:
+            said.setdefault(title.quantity, f"{text} {title.unit}".strip())
+    return said
+
+
+def _with_unit(head, wanted, stated):
+    """Return a head whose columns of motion without a unit have the one stated above them."""
+    unit = re.split(r"(?i)\s+and\b|[;,&]", stated)[0].strip()
+    below = [*head.units, *[""] * (len(head.titles) - len(head.units))]
+    known = (wanted.title(title) for title in head.titles)
+    units = [own or (unit if title.quantity in MOTION and not title.unit else "")
+             for own, title in zip(below, known, strict=True)]  # fmt: skip
+    return head._replace(units=units if unit_name(unit) else below)
+
+
+def _accelerates(head, wanted):
+    """Tell whether the columns of motion are accelerations, none a velocity."""
+    titles = [(wanted.title(t), unit) for t, unit in zip(head.titles, head.units, strict=True)]
+    units = {unit_name(t.unit or unit) for t, unit in titles if t.quantity in MOTION}
+    return bool(units & {*ACCELERATIONS}) and not any(u.endswith("_per_s") for u in units)
+
+
+def _stated_sampling(path, said):
+    """Return sampling rate and pre-trigger in SI that are stated above the titles."""
+    units = {"sampling_rate": "hz", "interval": "s", "pretrigger": "s"}
+    texts = {name: quantity(said[name], f"{path}, {name}", unit)
+             for name, unit in units.items() if name in said}  # fmt: skip
+    own = {name: value.value for name, value in texts.items() if value is not None}
+    if interval := own.pop("interval", 0.0):
+        own.setdefault("sampling_rate", 1.0 / interval)
+    return own
 
 
 def _low_passed(lines):

@@ -5,38 +5,60 @@ import re
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
-# Numbers given out before their findings are written, with a word of their row of the page. The
-# next finding takes the number after the last.
-GIVEN_OUT = {
-    "D38": "source",  # a receiver too near to a source
-    "D39": "built",  # the ground as built is not the ground asked for; D37 goes with it
-    "D40": "band",
-    "D42": "elastic",  # radius of the elastic ground round a hole
-    "D43": "converged",
-    "D44": "lack of fit",
-}
+PAGE_NAME = "docs/reference/findings.md"
+PAGE = (ROOT / PAGE_NAME).read_text(encoding="utf-8")
+ROWS = re.findall(r"^\| (D\d+)(?:, (D\d+))? \|[^|]*\|(.*)\|$", PAGE, re.MULTILINE)
+
+
+def calls():
+    """Return where each finding of the program is made, and the call."""
+    return [
+        (f"{path.relative_to(ROOT)}:{call.lineno}", call)
+        for path in sorted((ROOT / "pyblast").rglob("*.py"))
+        for call in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(call, ast.Call) and getattr(call.func, "id", "") == "Finding"
+    ]
+
+
+def number(code):
+    return int(code[1:])
+
+
+def codes(calls):
+    return {call.args[0].value for _, call in calls}
+
+
+def can_fail(call):
+    return any(word.arg == "failed" for word in call.keywords)
+
+
+def test_a_finding_has_a_number_that_is_written_where_it_is_made():
+    wrong = [
+        where for where, call in calls()
+        if not re.fullmatch(r"D\d+", str(getattr(call.args[0], "value", "")))
+    ]  # fmt: skip
+
+    assert wrong == [], 'the first argument is a text such as "D7", see CONTRIBUTING.md'
 
 
 def test_the_page_lists_all_findings_and_those_that_may_fail():
-    given, failing = set(), set()
-    for path in (ROOT / "pyblast").rglob("*.py"):
-        for call in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            if isinstance(call, ast.Call) and getattr(call.func, "id", "") == "Finding":
-                code = call.args[0].value
-                given.add(code)
-                if len(call.args) > 3 or any(word.arg == "failed" for word in call.keywords):
-                    failing.add(code)
-    page = ROOT / "docs" / "reference" / "findings.md"
-    rows = re.findall(r"^\| (D\d+)[^|]*\|[^|]*\|(.*)\|$", page.read_text(encoding="utf-8"), re.M)
+    given, failing = codes(calls()), codes(call for call in calls() if can_fail(call[1]))
+    rows = {code for code, _, _ in ROWS}
 
-    assert {code for code, _ in rows} == given
-    assert {code for code, fails in rows if fails.strip()} == failing
+    assert sorted(given - rows, key=number) == [], f"add a row for each to {PAGE_NAME}"
+    assert sorted(rows - given, key=number) == [], f"nothing gives them: say so in {PAGE_NAME}"
+    assert {code for code, _, fails in ROWS if fails.strip()} == failing, (
+        f"the third column of {PAGE_NAME} says when a finding fails: Finding(failed=...)"
+    )
 
 
-def test_new_findings_have_the_numbers_that_were_given_out():
-    page = (ROOT / "docs" / "reference" / "findings.md").read_text(encoding="utf-8")
-    rows = dict(re.findall(r"^\| (D\d+)[^|]*\|([^|]*)\|", page, re.M))
+def test_findings_are_numbered_one_after_the_other():
+    listed = [code for row in ROWS for code in row[:2] if code]
+    (gone,) = re.findall(r"([^.]*) are no longer given\.", PAGE)
+    withdrawn = re.findall(r"D\d+", gone)
 
-    for code, row in rows.items():
-        if int(code[1:]) > 37:
-            assert GIVEN_OUT.get(code, "?") in row, code
+    numbers = sorted(map(number, [*listed, *withdrawn]))
+    assert listed == sorted(listed, key=number), f"the rows of {PAGE_NAME} are in order"
+    assert numbers == list(range(1, len(numbers) + 1)), (
+        "each number stands for one finding, and a new one takes the number after the last"
+    )
