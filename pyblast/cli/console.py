@@ -134,8 +134,8 @@ def exit_codes() -> Iterator[None]:
         complain("the memory does not suffice; a coarser mesh or fewer workers need less")
         raise Exit(WRONG_INPUT) from None
     except (OSError, UnicodeEncodeError) as error:
-        place, reason = getattr(error, "filename", None), getattr(error, "strerror", None)
-        complain(f"{place or 'a file'}: {reason or error}")
+        file, reason = getattr(error, "filename", None), getattr(error, "strerror", None)
+        complain(f"{file or 'a file'}: {reason or error}")
         raise Exit(WRONG_INPUT) from None
     except KeyboardInterrupt as stop:
         complain(f"interrupted; {stop}" if stop.args else "interrupted")
@@ -157,7 +157,7 @@ def _signals() -> Iterator[None]:
         obeyed.set()
         raise KeyboardInterrupt
 
-    def watch() -> None:
+    def end_if_deaf() -> None:
         with os.fdopen(reader, "rb", buffering=0) as numbers:
             while number := numbers.read(1):
                 if number[0] in before and not obeyed.wait(PATIENCE):
@@ -172,7 +172,7 @@ def _signals() -> Iterator[None]:
     reader, writer = os.pipe()
     os.set_blocking(writer, False)
     woken = signal.set_wakeup_fd(writer)
-    Thread(target=watch, daemon=True).start()
+    Thread(target=end_if_deaf, daemon=True).start()
     try:
         yield
     finally:
