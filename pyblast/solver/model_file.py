@@ -2,6 +2,7 @@
 
 import hashlib
 import os
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -53,7 +54,8 @@ def write_arrays(
         reason = os.strerror(error.errno) if error.errno else error  # that of HDF5 is a paragraph
         raise ReadError(f"{path}: can't be written ({reason})") from None
     finally:
-        beside.unlink(missing_ok=True)
+        with suppress(OSError):
+            beside.unlink()
 
 
 def _write_groups(storage, groups, attributes, array_attributes):
