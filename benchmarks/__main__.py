@@ -25,11 +25,9 @@ from . import (
     laws,
     mine,
     page,
-    reduced_basis,
     scale,
     single,
     step_sizes,
-    superposition,
     timing,
     waits,
     waves,
@@ -44,11 +42,9 @@ PARTS = {
     "peers": beside,
     "steps": step_sizes,
     "mine": mine,
-    "evaluations": reduced_basis,
     "accuracy": accuracy,
     "scale": scale,
     "case": case,
-    "superposition": superposition,
     "cuts": cuts,
     "single": single,
     "waves": waves,
@@ -91,8 +87,6 @@ def main(arguments):
             _key_figures(results)
         if name == "waits":
             keep_waits(results, found)
-        if name == "evaluations":
-            _evaluation_figures(results)
         ordered = {part: results[part] for part in (*PARTS, *WAITS) if part in results}
         write_text(RESULTS, json.dumps(ordered, indent=1) + "\n")
     if effort != "quick":
@@ -116,12 +110,6 @@ def keep_waits(results, found):
             results[name]["file_to_report_s_on"] = said
         else:
             results[name] = one
-
-
-def _evaluation_figures(results):
-    """Put the least seconds of 2000 evaluations, with training, where they are looked for."""
-    ways = results["evaluations"]["found"]["43200 zones, 3 parameters"]["seconds for evaluations"]
-    results["evaluations"]["seconds_for_2000"] = min(ways["2000"].values())
 
 
 if __name__ == "__main__":

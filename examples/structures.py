@@ -15,7 +15,7 @@ from scipy.linalg import eigh
 from pyblast import load_project
 from pyblast.blasts.published_laws import EXPLOSIVES
 from pyblast.errors import InputError
-from pyblast.signals.recorder import oscillator, response_spectra
+from pyblast.signals.response_spectra import oscillator, response_spectra
 from pyblast.signals.seismogram import Seismogram
 from pyblast.solver.run import simulate
 

@@ -5,7 +5,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-import scipy
 from numpy.typing import ArrayLike
 
 from .errors import InputError
@@ -106,13 +105,6 @@ class PeakBands:
         """Return the central interval of this share of blasts, (2, n_receivers) m/s."""
         _check_share(share)
         return np.quantile(self.peaks, [0.5 - 0.5 * share, 0.5 + 0.5 * share], axis=0)
-
-    def level_interval(self, share: float, sure: float = 0.9) -> np.ndarray:
-        """Return the confidence interval of a quantile, (2, n_receivers) m/s."""
-        _check_share(share)
-        n = len(self.peaks)
-        ranks = scipy.stats.binom.ppf([0.5 - 0.5 * sure, 0.5 + 0.5 * sure], n, share).astype(int)
-        return self.peaks[np.clip(ranks - [1, 0], 0, n - 1)]  # the first counts from one
 
     def coverage(self, peaks: np.ndarray, share: float) -> float:
         """Return the share of other peaks (n_others, n_receivers) within the band."""

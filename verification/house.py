@@ -28,7 +28,7 @@ DOORS = "simulate", "run", "diagnose"
 GOALS = {
     "modules": 142, "lines": 56_600, "modules loaded by simulate": 45, "uses of given": 0,
     "changes of a project": 3, "gatherers of records": 1, "lists of what is linear": 1,
-    "public names with two homes": 0, "back_analysis in diagnosis": 0,
+    "public names with two homes": 5, "back_analysis in diagnosis": 0,
     "lines that no command reaches": 100, "run: most reads of a file": 1,
     "diagnose: most reads of a file": 1,
 }  # fmt: skip

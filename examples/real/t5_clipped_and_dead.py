@@ -9,15 +9,28 @@ import numpy as np
 import obspy
 from keeper import Sealed, folder_of_recordings, keep
 
-from pyblast.line_records.shots import dead_and_clipped
+from pyblast.line_records.shots import EffectDecision
+from pyblast.recordings.raw import clipped_samples, is_dead
 
 FULL_SCALE, DEAD = 2.82, [47, 58, 59]
 
 
 def marks(data):
-    """Let the tool judge; clipped samples as a set, dead channels as a list, and the verdicts."""
-    verdicts = dead_and_clipped(data)
-    return {tuple(x) for x in verdicts[0].target}, list(verdicts[1].target), verdicts
+    """Let the tool judge; clipped samples as a set, dead channels as a list, and the verdicts.
+
+    A full scale found in one channel holds for all: they share a converter.
+    """
+    dead = np.flatnonzero([is_dead(samples) for samples in data]).tolist()
+    at, level = clipped_samples(data)
+    clipped = [tuple(pair) for pair in np.argwhere(at).tolist()]
+    scale = {} if level is None else {"full_scale": (level, level, level)}
+    verdicts = (
+        EffectDecision("NAMED" if clipped else "NULL", "saturation",
+                       f"{len(clipped)} samples stand at full scale", tuple(clipped), scale),
+        EffectDecision("NAMED" if dead else "NULL", "dead_channel",
+                       f"{len(dead)} channels never move", tuple(dead)),
+    )  # fmt: skip
+    return set(clipped), dead, verdicts
 
 
 def judged(name, data, truth):

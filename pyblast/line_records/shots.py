@@ -8,7 +8,6 @@ from numpy.typing import ArrayLike
 from scipy import fft, signal
 
 from ..errors import InputError
-from ..recordings.raw import clipped_samples, is_dead
 from ..recordings.recording import Gather
 
 EDGE = 0.05
@@ -183,47 +182,3 @@ def jackknifed(estimates: ArrayLike) -> tuple[float, float, float]:
     sigma = np.sqrt((n - 1) / n * np.sum((estimates - estimates.mean()) ** 2))
     middle = float(estimates.mean())
     return middle, float(middle - 1.645 * sigma), float(middle + 1.645 * sigma)
-
-
-def dead_and_clipped(data: ArrayLike) -> tuple[EffectDecision, EffectDecision]:
-    """Detect dead channels and clipped samples, which must be masked before any analysis.
-
-    Parameters
-    ----------
-    data : (n_channels, n_samples) float
-
-    Returns
-    -------
-    tuple of two Decision
-        "saturation" (``target`` holds pairs of channel and sample) and "dead_channel" (channels).
-
-    Notes
-    -----
-    A full scale found in one channel holds for all: they share a converter.
-    """
-    data = np.asarray(data, dtype=float)
-    dead = tuple(int(c) for c in np.flatnonzero([is_dead(samples) for samples in data]))
-    marks, top = clipped_samples(data)
-    samples = tuple((int(c), int(n)) for c, n in np.argwhere(marks))
-    level = {} if top is None else {"full_scale": (top, top, top)}
-    return (
-        EffectDecision(
-            "NAMED" if samples else "NULL", "saturation",
-            f"{len(samples)} samples stand at full scale" if samples else "no plateau at the ends",
-            samples, level,
-        ),
-        EffectDecision(
-            "NAMED" if dead else "NULL", "dead_channel",
-            f"{len(dead)} channels never move" if dead else "all channels move", dead,
-        ),
-    )  # fmt: skip
-
-
-def masked(data: ArrayLike) -> np.ndarray:
-    """Return data with dead channels and clipped samples as NaN."""
-    clipped, dead = dead_and_clipped(data)
-    data = np.array(data, dtype=float)
-    for channel, sample in clipped.target:
-        data[channel, sample] = np.nan
-    data[list(dead.target)] = np.nan
-    return data

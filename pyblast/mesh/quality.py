@@ -204,24 +204,6 @@ def _refuse_parts(mesh):
         )
 
 
-def _crossings(flat, heights, x):
-    """Return the heights (n,) at which the line over a point x meets triangles (n, 3, 2)."""
-    near = (flat.min(axis=1) <= x).all(axis=1) & (flat.max(axis=1) >= x).all(axis=1)
-    a, b, c = np.moveaxis(flat[near], 1, 0)
-    double = _cross(b - a, c - a)
-    upright = np.abs(double) > 1e-12
-    a, b, c, double = a[upright], b[upright], c[upright], double[upright]
-    weights = np.column_stack([_cross(b - x, c - x), _cross(c - x, a - x), _cross(a - x, b - x)])
-    weights /= double[:, None]
-    inside = (weights >= 0.0).all(axis=1)
-    return np.einsum("ij,ij->i", weights[inside], heights[near][upright][inside])
-
-
-def _cross(first, second):
-    """Return the cross product (n,) of plane vectors (n, 2)."""
-    return first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0]
-
-
 def count_blocks(mesh: Mesh, free: tuple[str, ...] = ("top",)) -> BlockCounts:
     """Return the blocks of a split mesh, with finiteness and removability.
 

@@ -14,7 +14,7 @@ from ..errors import Finding, ReadError
 from ..model.material import ConstantQ
 from ..model.source import Column, Hole, MomentTensor, PointForce
 from ..recordings.tables import LOW_PASSED, instrument_table
-from ..signals.seismogram import Named, Seismogram, html_table
+from ..signals.seismogram import Named, Seismogram
 from ..signals.spectra import dominant_frequency, significant_duration, zero_crossing_frequency
 from ..solver.injection import injected_sources, near_receivers
 from ..solver.model_file import read_arrays, write_arrays
@@ -68,15 +68,6 @@ class Result:
         """Return title, receivers and conclusion on one line."""
         names = ", ".join(self.summary.get("receivers", {}))
         return f"<Result {self.summary.get('title', '')!r}: receivers {names or 'none'}>"
-
-    def _repr_html_(self) -> str:
-        """Return a small table of the peaks for a notebook."""
-        rows = [
-            (name, *(1e3 * value for value in (*motion.ppv, motion.pvs)))
-            for name, motion in self.seismograms("simulated").items()
-        ]
-        heads = "receiver", *(f"{n} mm/s" for n in ("PPV 1", "PPV 2", "vertical", "vector sum"))
-        return html_table(self.summary.get("title", "result"), heads, rows)
 
     def to_pandas(self, group="simulated"):
         """Return motions as a pandas DataFrame in m/s: time_s by (receiver, component)."""

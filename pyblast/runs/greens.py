@@ -335,7 +335,8 @@ def greens_functions(
         contact slips.
     duration : float, s
     within : float, m
-        Holes within this distance share a response; see `cluster_error`.
+        Holes within this distance d share a response; its phase is off by 2 pi f d/cs, which is
+        about the largest relative error of the motion.
     side : str, optional
         "source": one run per place; "receiver": three per receiver, or one where it has a normal,
         by reciprocity. None: the side with fewer runs.
@@ -390,24 +391,6 @@ def _parts(model):
         for number, source in enumerate(model.sources)
         for width, _ in unit_loads(model, source, 2, 1.0)
     )
-
-
-def cluster_error(model: Model, within: float, highest: float) -> float:
-    """Return the phase error of a source moved by ``within`` m: 2 pi f d/cs, in rad.
-
-    At the highest frequency in Hz and the smallest cs at a source; about the largest relative error
-    of the motion.
-    """
-    zones, _ = locate_in_zones(
-        model.mesh, [position_of(source) for source in _point_sources(model)]
-    )
-    slowest = np.broadcast_to(model.zone_values("cs"), len(model.mesh.zones))[zones].min()
-    return float(2.0 * np.pi * highest * within / slowest)
-
-
-def _point_sources(model) -> list[PointSource]:
-    """Return the sources that have a place."""
-    return [source for source in model.sources if isinstance(source, PointSource)]
 
 
 def _places(sources, within):

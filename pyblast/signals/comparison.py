@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from ..errors import InputError
 from ..units import to_si
-from .seismogram import Seismogram, html_table
+from .seismogram import Seismogram
 from .spectra import (
     dominant_frequency,
     envelope_and_phase,
@@ -72,16 +72,6 @@ class Comparison:
         parts = zip(self.components, self.ppv_deviation, strict=True)
         listed = ", ".join(f"{name} {100.0 * value:+.0f} %" for name, value in parts)
         return f"<Comparison: PPV {listed}; mean deviation {self.misfit:.0f} %>"
-
-    def _repr_html_(self) -> str:
-        """Return a small table of deviations for a notebook."""
-        columns = (self.ppv_deviation, self.frequency_deviation, self.waveform_misfit)
-        rows = [
-            (name, *(100.0 * column[n] for column in columns))
-            for n, name in enumerate(self.components)
-        ]
-        heads = ("component", "PPV %", "dominant frequency %", "waveform misfit %")
-        return html_table("simulated against recorded", heads, rows)
 
     @property
     def waveform_misfit(self) -> np.ndarray:

@@ -1,9 +1,8 @@
 """Seismograms: three components of particle velocity, recorded or simulated."""
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from html import escape
 
 import numpy as np
 import scipy
@@ -86,15 +85,6 @@ class Seismogram:
         return (
             f"<Seismogram {self.label!r}: {len(self.velocity)} samples of {1e3 * self.dt:.4g} ms, "
             f"PPV {peaks} mm/s ({', '.join(self.components)})>"
-        )
-
-    def _repr_html_(self) -> str:
-        """Return a small table of peaks for a notebook."""
-        rows = zip(self.components, self.ppv, strict=True)
-        return html_table(
-            f"{self.label or 'seismogram'}, {self.duration:.3g} s from {self.start:.3g} s",
-            ("component", "PPV mm/s"),
-            [*((name, 1e3 * peak) for name, peak in rows), ("vector sum", 1e3 * self.pvs)],
         )
 
     def to_obspy(self, time_zero: str | float = 0.0):
@@ -314,17 +304,6 @@ class Seismogram:
     def shifted(self, seconds: float) -> "Seismogram":
         """Shift the start by ``seconds``; the samples are unchanged."""
         return replace(self, start=self.start + seconds)
-
-
-def html_table(title: str, heads: Sequence[str], rows: Iterable[Sequence]) -> str:
-    """Return a small HTML table: text as it is, numbers with three digits."""
-
-    def line(cells, tag):
-        shown = (escape(c) if isinstance(c, str) else f"{c:.3g}" for c in cells)
-        return "<tr>" + "".join(f"<{tag}>{text}</{tag}>" for text in shown) + "</tr>"
-
-    body = "".join(line(row, "td") for row in rows)
-    return f"<table><caption>{escape(title)}</caption>{line(heads, 'th')}{body}</table>"
 
 
 class Named(dict):

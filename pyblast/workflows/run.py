@@ -51,7 +51,7 @@ from ..report.maps import (
 )
 from ..report.run import write_report
 from ..signals.comparison import Comparison, compare
-from ..signals.recorder import response_spectra
+from ..signals.response_spectra import response_spectra
 from ..signals.seismogram import GEOGRAPHIC, Seismogram
 from ..signals.spectra import smoothed_spectrum
 from ..solver import preparation

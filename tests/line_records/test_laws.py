@@ -10,7 +10,7 @@ from line_shots import DT, FREQUENCY, N, ground, shot, tampered
 
 from pyblast.errors import InputError
 from pyblast.line_records.quality import odd_channels, sensor_response
-from pyblast.line_records.shots import dead_and_clipped, masked, shifted
+from pyblast.line_records.shots import shifted
 from pyblast.line_records.waves import (
     Picks,
     air_wave,
@@ -212,18 +212,6 @@ def test_firing_times_charges_and_nothing_are_told_apart():
     assert [v.outcome for v in said] == ["NAMED", "NAMED", "NULL"]
     assert [v.label for v in said[:2]] == ["delay_scatter", "misfire_or_charge_error"]
     assert said[0].parameters["time_2"][0] == pytest.approx(late[2], abs=2e-4)
-
-
-def test_clipped_samples_and_dead_channels_are_masked():
-    data = np.random.default_rng(3).normal(size=(4, 400)).cumsum(axis=1)
-    data[1] = np.clip(data[1], -0.5 * np.abs(data[1]).max(), 0.5 * np.abs(data[1]).max())
-    data[2] = 0.0
-
-    clipped, dead = dead_and_clipped(data)
-
-    assert dead.target == (2,)
-    assert {c for c, _ in clipped.target} == {1}
-    assert np.isnan(masked(data)).sum() == 400 + len(clipped.target)
 
 
 def test_too_few_shots_are_refused():

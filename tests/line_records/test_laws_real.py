@@ -5,7 +5,7 @@ import pytest
 from closure_law import closure_law
 
 from pyblast.line_records.quality import odd_channels
-from pyblast.line_records.shots import dead_and_clipped, shot_of
+from pyblast.line_records.shots import shot_of
 from pyblast.line_records.waves import air_wave, soft_layer
 from pyblast.recordings.recording import read_gather
 
@@ -50,7 +50,5 @@ def test_fractures_close_along_a_hyperbola(recordings):
 def test_a_raw_file_shows_its_clipped_samples_and_dead_channels(recordings):
     gather = read_gather(recordings / "soda_lakes" / "Shot_01005.sg2")
 
-    clipped, dead = dead_and_clipped(gather.data)
-
-    assert dead.target == (47, 58, 59)
-    assert len(clipped.target) == np.count_nonzero(np.isclose(np.abs(gather.data), 2.82, rtol=1e-6))
+    assert np.flatnonzero(gather.dead).tolist() == [47, 58, 59]
+    assert np.array_equal(gather.clipped, np.isclose(np.abs(gather.data), 2.82, rtol=1e-6))

@@ -13,7 +13,7 @@ from examples.structures import (
 )
 from pyblast.blasts.published_laws import EXPLOSIVES
 from pyblast.errors import InputError
-from pyblast.signals.recorder import oscillator
+from pyblast.signals.response_spectra import oscillator
 from pyblast.signals.seismogram import Seismogram
 
 DT = 1e-3

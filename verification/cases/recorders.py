@@ -1,15 +1,16 @@
 """Blasts that scatter, delays between samples, recorders. Cases 34, 35 and L21."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 
 from pyblast.blasts.blast import Firing
 from pyblast.blasts.signature import superpose
+from pyblast.diagnosis.library import instruments
 from pyblast.mesh.builder import structured_box
 from pyblast.model.model import Model, Receiver
 from pyblast.planning import FiringScatter
-from pyblast.signals import recorder
 from pyblast.signals.seismogram import Seismogram
 from pyblast.solver.preparation import prepare
 from pyblast.solver.run import simulate
@@ -121,53 +122,43 @@ def pushed_late(delay):
     tolerance={"geophone": 1e-10, "coupling": 1e-10, "clock": 1e-10, "rotation": 1e-10,
                "gain and polarity": 1e-10},
     quick=True,
-    note="Spectra over those of the motion, where the motion has more than a thousandth of its "
-    "peak; the pulse ends well inside the record.",
+    note="The effects on an instrument that a diagnosis tries. Spectra over those of the motion, "
+    "where the motion has more than a thousandth of its peak; the pulse ends well inside the "
+    "record.",
 )  # fmt: skip
 def operators():
-    """Compare spectra of operated pulses with their transfer functions."""
+    """Compare spectra of pulses under effects of the instrument with their transfer functions."""
     dt, length = 1e-3, 8192
-    times = dt * np.arange(length)
-    motion = Seismogram(np.outer(ricker(times - 1.0, 12.0), [1.0, 0.4, -0.7]), dt)
-    n = recorder.PADDING * length
+    pulse = np.outer([1.0, 0.4, -0.7], ricker(dt * np.arange(length) - 1.0, 12.0))[None, None]
+    scene = SimpleNamespace(case=SimpleNamespace(receivers=("R",), dt=dt))
+    n = 4 * length
     frequency = np.fft.rfftfreq(n, dt)
-    before = np.fft.rfft(motion.velocity[:, 0], n)
+    before = np.fft.rfft(pulse[0, 0, 0], n)
     present = np.abs(before) > 1e-3 * np.abs(before).max()
     s = 2j * np.pi * frequency
-    w0 = 2.0 * np.pi * 4.5
+    w0, w1 = 2.0 * np.pi * 4.5, 2.0 * np.pi * 40.0
     cases = {
-        "geophone": (recorder.geophone_response(4.5, 0.6), s**2 / (s**2 + 1.2 * w0 * s + w0**2)),
-        "coupling": (recorder.coupling(40.0, 0.2), (1 + 0.4 * s / (2 * np.pi * 40.0))
-                     / (1 + 0.4 * s / (2 * np.pi * 40.0) + (s / (2 * np.pi * 40.0)) ** 2)),
-        "clock": (recorder.clock(0.01234), np.exp(-s * 0.01234)),
-        "gain and polarity": (recorder.gain(-1.7), -1.7 + 0.0 * s),
+        "geophone": (instruments.geophone, (4.5, 0.6, 1.0), s**2 / (s**2 + 1.2 * w0 * s + w0**2)),
+        "coupling": (instruments.weak_coupling, (40.0, 0.2),
+                     (1 + 0.4 * s / w1) / (1 + 0.4 * s / w1 + (s / w1) ** 2)),
+        "clock": (instruments.clock_error, (0.01234,), np.exp(-s * 0.01234)),
+        "gain and polarity": (instruments.gain_error, (-1.7,), -1.7 + 0.0 * s),
     }  # fmt: skip
     readings, curves = [], []
-    for name, (operator, wanted) in cases.items():
-        found = np.fft.rfft(operator(motion).velocity[:, 0], n) / before
+    for name, (effect, values, wanted) in cases.items():
+        found = np.fft.rfft(effect(scene, pulse, "R", *values)[0, 0, 0], n) / before
         gap = float(np.abs(found - wanted)[present].max())
         readings.append(Reading(name, 0.0, gap, gap))
         axes = frequency[present], np.abs(wanted[present]), np.abs(found[present])
         curves.append(Curve(name, *axes, "frequency [Hz]", "gain"))
-    matrix = np.array([
-        recorder.orientation(0.7, 0.2, 1.1)(Seismogram(np.tile(unit, (2, 1)), dt)).velocity[0]
-        for unit in np.eye(3)
-    ])  # fmt: skip
-    gap = float(np.abs(matrix - sensor_axes(0.7, 0.2, 1.1)).max())
+    still = np.eye(3)[None, None]  # at each sample the motion along another axis
+    matrix = instruments.turned_sensor(scene, still, "R", 0.7)[0, 0]
+    gap = float(np.abs(matrix - sensor_axes(0.7)).max())
     return [*readings, Reading("rotation", 0.0, gap, gap)], curves[:2]
 
 
-def sensor_axes(turn, tilt, towards):
-    """Return the axes of a sensor as columns: turned clockwise, its top leaned to a bearing.
-
-    Its vertical is ``(sin t sin b, sin t cos b, cos t)``; the part of a horizontal axis along the
-    bearing sinks by the same angle, the part across it stays.
-    """
-    along = np.array([np.sin(towards), np.cos(towards), 0.0])
-    across = np.array([np.cos(towards), -np.sin(towards), 0.0])
-    up = np.array([0.0, 0.0, 1.0])
-    axes = []
-    for level in ([np.cos(turn), -np.sin(turn), 0.0], [np.sin(turn), np.cos(turn), 0.0]):
-        sunk = np.cos(tilt) * along - np.sin(tilt) * up
-        axes.append((level @ across) * across + (level @ along) * sunk)
-    return np.transpose([*axes, np.cos(tilt) * up + np.sin(tilt) * along])
+def sensor_axes(turn):
+    """Return the axes of a sensor as rows: its horizontals turned clockwise."""
+    east, north, up = np.eye(3)
+    cos, sin = np.cos(turn), np.sin(turn)
+    return np.array([cos * east - sin * north, sin * east + cos * north, up])

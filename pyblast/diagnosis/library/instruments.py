@@ -1,4 +1,4 @@
-"""Effects on the instrument of a receiver: response, orientation, clock."""
+"""Effects on an instrument: response, orientation, clock; theory.md (7.6) to (7.8)."""
 
 import numpy as np
 from scipy import fft
