@@ -40,8 +40,8 @@ module pyblast_joint_laws
             "dilation[tan] >= 0 <= friction_residual needs dilation_slip = 0, " // &
             "dilation_slip[m] >= 0 <= inf = 0 | sticks | " // slip // " dilated=0 length", &
         "softening: " // springs // ", cohesion[Pa] >= 0 = 0, friction[tan] >= 0, " // &
-            "friction_dynamic[tan] >= 0 <= friction, weakening_slip[m] > 0, tension[Pa] >= 0 = 0 " // &
-            "| sticks | " // slip // " length", &
+            "friction_dynamic[tan] >= 0 <= friction, weakening_slip[m] > 0, " // &
+            "tension[Pa] >= 0 = 0 | sticks | " // slip // " length", &
         "closure: " // springs // ", closure[m] > 0, kn_max[Pa/m] > kn = 100*kn, " // &
             "irrecoverable[1] >= 0 <= 0.9 = 0, cohesion[Pa] >= 0 <= inf = inf, " // &
             "friction[tan] >= 0 = 0 | stiffens | " // slip // " peak rest started=0", &
@@ -50,8 +50,8 @@ module pyblast_joint_laws
             "friction[tan] >= 0, peak_slip[m] > 0 | stiffens | " // slip // &
             " peak rest started=0 dilated=0 length", &
         "stress_dependent: " // springs // ", pressure[Pa] > 0, exponent[1] >= 0, " // &
-            "kn_max[Pa/m] > kn = 10*kn, cohesion[Pa] >= 0 <= inf = inf, friction[tan] >= 0 = 0 " // &
-            "| stiffens | " // slip // " dilated=0 length", &
+            "kn_max[Pa/m] > kn = 10*kn, cohesion[Pa] >= 0 <= inf = inf, " // &
+            "friction[tan] >= 0 = 0 | stiffens | " // slip // " dilated=0 length", &
         "kelvin: " // springs // ", eta_n[Pa s/m] >= 0, eta_s[Pa s/m] >= 0 | linear | " // &
             "rate_x=0 rate_y=0 rate_z=0", &
         "maxwell: " // springs // ", eta_n[Pa s/m] > 0, eta_s[Pa s/m] > 0 | linear flows | " // &

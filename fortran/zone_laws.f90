@@ -1,8 +1,12 @@
 module pyblast_zone_laws
-    !! Stress laws of zones: one number, one signature line and one routine for each law.
+    !! Stress laws of zones: one row and one routine for each law; its place in the table is its
+    !! number. The grammar of a row is that of pyblast_joint_laws, but for its KIND:
+    !!   linear   the stress is linear in the strain
+    !!   yields   linearly elastic until it yields, with a memory then; has_memory says so, too
     !!
     !! Strains are xx yy zz and the engineering shears yz zx xy; tension is positive. A law that
     !! has_memory is total: it gives the whole stress, initial stress included.
+    use, intrinsic :: ieee_arithmetic, only : ieee_quiet_nan, ieee_value
     use pyblast_kinds, only : dp, n_zone_properties, n_zone_state, n_row
     use pyblast_elasticity, only : anisotropic, hooke, work
     use pyblast_hoek_brown, only : hoek_brown, hoek_brown_margins
@@ -19,8 +23,9 @@ module pyblast_zone_laws
         "anisotropic: c11[Pa] > 0, c12[Pa], c13[Pa], c14[Pa], c15[Pa], c16[Pa], c22[Pa] > 0, " // &
             "c23[Pa], c24[Pa], c25[Pa], c26[Pa], c33[Pa] > 0, c34[Pa], c35[Pa], c36[Pa], " // &
             "c44[Pa] > 0, c45[Pa], c46[Pa], c55[Pa] > 0, c56[Pa], c66[Pa] > 0 | linear |", &
-        "mohr-coulomb: cohesion[Pa] >= 0, friction[tan] >= 0, dilation[tan] >= 0 <= friction = 0, " &
-            // "tension[Pa] >= 0, cohesion_residual[Pa] >= 0 = cohesion, " // &
+        "mohr-coulomb: cohesion[Pa] >= 0, friction[tan] >= 0, " // &
+            "dilation[tan] >= 0 <= friction = 0, " // &
+            "tension[Pa] >= 0, cohesion_residual[Pa] >= 0 = cohesion, " // &
             "friction_residual[tan] >= 0 = friction, " // &
             "dilation_residual[tan] >= 0 <= friction_residual = dilation, " // &
             "tension_residual[Pa] >= 0 = tension, shear_strain[1] >= 0 = 0, " // &
@@ -31,8 +36,9 @@ module pyblast_zone_laws
             "s_residual[1] >= 0 = s, tension_residual[Pa] >= 0 = tension, " // &
             "shear_strain[1] >= 0 = 0, tensile_strain[1] >= 0 = 0 | yields | " // &
             "excess plastic_strain plastic_shear plastic_tension", &
-        "ubiquitous: normal_x[1], normal_y[1], normal_z[1], cohesion[Pa] >= 0, friction[tan] >= 0, " &
-            // "dilation[tan] >= 0 <= friction = 0, tension[Pa] >= 0 = 0 | yields | " // &
+        "ubiquitous: normal_x[1], normal_y[1], normal_z[1], cohesion[Pa] >= 0, " // &
+            "friction[tan] >= 0, dilation[tan] >= 0 <= friction = 0, tension[Pa] >= 0 = 0 " // &
+            "| yields | " // &
             "excess plastic_strain slip opening"]
     integer, parameter, public :: n_zone_laws = size(rows)
 
@@ -120,9 +126,12 @@ contains
         case (5)
             call ubiquitous_joints(property, lambda, shear, initial, strain, state, stress, stored, &
                                    lost)
-        case default
+        case (1, 2)
             stress = initial + elastic_stress(law, property, lambda, shear, strain)
             stored = 0.5_dp*work(stress - initial, strain) + work(initial, strain)
+        case default   ! a row without its case
+            stress = ieee_value(lambda, ieee_quiet_nan)
+            stored = stress(1)
         end select
     end subroutine zone_stress
 

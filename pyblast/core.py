@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .laws import TractionLaw, StressLaw, read_laws
+from .laws import StressLaw, TractionLaw, read_laws
 
 os.environ.setdefault("OMP_WAIT_POLICY", "passive")
 if TYPE_CHECKING:  # compiled, without type information

@@ -24,7 +24,7 @@ _RULES = {
     "<": (float.__lt__, "must be below"),
     "<=": (float.__le__, "must not exceed"),
 }
-_SIGNS = {">": "positive", ">=": "not negative"}
+_SIGNS = {">": "must be positive", ">=": "must not be negative"}
 _SPRINGS = ("kn", "ks")
 _STRENGTHS = ("cohesion", "friction", "tension")
 _SLIPS = ("slip_x", "slip_y", "slip_z", "failed")
@@ -69,7 +69,7 @@ class Property:
 
     @property
     def sign(self) -> str:
-        """Sign in words, "positive" or "not negative"; empty where a value may be negative."""
+        """Rule of the sign, "must be positive"; empty where a value may be negative."""
         return next((_SIGNS[rule.sign] for rule in self.rules if rule.bound == 0.0), "")
 
     def has_sign(self, value: float) -> bool:
@@ -78,10 +78,10 @@ class Property:
 
     def check(self, where: str, value: float) -> None:
         """Raise InputError for a value that is out of range, whatever the others are."""
-        endless = ("<=", math.inf) in self.rules
-        if not self.has_sign(value) or not (math.isfinite(value) or (endless and value > 0.0)):
-            wanted = " and ".join(filter(None, (self.sign, "finite" * (not endless))))
-            raise InputError(f"{where}: must be {wanted}, got {self._said(value)}")
+        if not self.has_sign(value):
+            raise InputError(f"{where}: {self.sign}, got {self._said(value)}")
+        if not math.isfinite(value) and ("<=", math.inf) not in self.rules:
+            raise InputError(f"{where}: must be finite, got {self._said(value)}")
         for sign, bound in self.rules:
             if isinstance(bound, float):
                 self._keep(where, value, sign, bound, "")
@@ -210,7 +210,8 @@ class TractionLaw(Law):
     def __post_init__(self) -> None:
         """Refuse a row that the columns of arrays of joints contradict."""
         names, state = tuple(self.properties), self.state
-        if names[:2] != _SPRINGS or any(self.properties[n].sign != "positive" for n in _SPRINGS):
+        positive = [n for n, one in self.properties.items() if (">", 0.0) in one.rules]
+        if names[:2] != _SPRINGS or tuple(positive[:2]) != _SPRINGS:
             raise ValueError(f"law {self.name!r}: must begin with kn and ks above zero")
         if self.opens and state[4:6] != ("status", "gap"):
             raise ValueError(f"law {self.name!r}: status and gap must be states 5 and 6")
@@ -245,7 +246,7 @@ class StressLaw(Law):
 
 
 def of_laws(laws: Mapping[str, Law], numbers: np.ndarray, question: str) -> np.ndarray:
-    """Return for law numbers (n,) whether each law is "linear", "sticks", "yields"..., (n,) bool."""
+    """Return whether the laws of numbers (n,) are "linear", "sticks" or such, (n,) bool."""
     return np.array([getattr(law, question) for law in laws.values()], dtype=bool)[numbers]
 
 
@@ -286,14 +287,13 @@ def read_laws(
                 "fortran/kinds.f90.in"
             )
         law = _read_law(kind, row, number)
-        for what, count, most in (
-            ("properties", len(law.properties), most_properties),
-            ("state", len(law.state), most_states),
-        ):
-            if count > most:
+        for what, held, most in (
+            ("properties", law.properties, most_properties), ("states", law.state, most_states),
+        ):  # fmt: skip
+            if len(held) > most:
                 raise ValueError(
-                    f"law {law.name!r}: has {count} {what}, the kernels hold {most}; increase "
-                    f"n_..._{what} in fortran/kinds.f90.in"
+                    f"law {law.name!r}: has {len(held)} {what}, the kernels hold {most}; increase "
+                    "their number in fortran/kinds.f90.in"
                 )
         if law.name in laws:
             raise ValueError(f"law {law.name!r}: stands twice")
@@ -306,7 +306,7 @@ def _read_law(kind, row, number):
     where = f"law {row.partition(':')[0]!r}"
     found = re.fullmatch(r"([a-z][\w-]*):([^|]*)\|([^|]*)\|([^|]*)", row)
     if found is None:
-        raise ValueError(f"{where}: a row is 'NAME: PROPERTIES | KIND | STATE', got {row.strip()!r}")
+        raise ValueError(f"{where}: a row is 'NAME: PROPERTIES | KIND | STATE', got {row!r}")
     table: dict[str, Property] = {}
     for text in filter(None, map(str.strip, found[2].split(","))):
         one = _read_property(f"{where}, {text!r}", text)
