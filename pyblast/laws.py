@@ -38,8 +38,8 @@ class Rule(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Property:
-    """Property of a law: unit, range, default.
+class LawProperty:
+    """LawProperty of a law: unit, range, default.
 
     Parameters
     ----------
@@ -104,8 +104,8 @@ class Property:
 
     def _keep(self, where, value, sign, bound, whose):
         """Raise InputError for a value beyond a bound."""
-        kept, words = _RULES[sign]
-        if not kept(float(value), float(bound)):
+        holds, words = _RULES[sign]
+        if not holds(float(value), float(bound)):
             raise InputError(
                 f"{where}: {words} {whose}{self._said(bound)}, got {self._said(value)}"
             )
@@ -123,7 +123,7 @@ class Law:
     ----------
     name : str
     number : int
-    properties : dict of str to Property
+    properties : dict of str to LawProperty
         In the order of the routine.
     state : tuple of str
         Names, in the order of the routine.
@@ -135,7 +135,7 @@ class Law:
 
     name: str
     number: int
-    properties: dict[str, Property]
+    properties: dict[str, LawProperty]
     state: tuple[str, ...]
     at_zero: frozenset[str]
     linear: bool = False
@@ -172,17 +172,17 @@ class Law:
                     f"{where}.{name}: unknown to '{self.name}'; it has {' '.join(self.properties)}"
                 )
         values: dict[str, float] = {}
-        for name, one in self.properties.items():
+        for name, prop in self.properties.items():
             value = given.get(name)
-            if value is None and one.default is not None:
-                factor, other = one.default
+            if value is None and prop.default is not None:
+                factor, other = prop.default
                 value = factor * values[other] if other else factor
             if value is None:
                 raise InputError(f"{where}.{name}: missing; the law '{self.name}' needs it")
-            one.check(f"{where}.{name}", value)
+            prop.check(f"{where}.{name}", value)
             values[name] = float(value)
-        for one in self.properties.values():
-            one.check_beside(where, values)
+        for prop in self.properties.values():
+            prop.check_beside(where, values)
         return values
 
 
@@ -210,7 +210,7 @@ class TractionLaw(Law):
     def __post_init__(self) -> None:
         """Refuse a row that the columns of arrays of joints contradict."""
         names, state = tuple(self.properties), self.state
-        positive = [n for n, one in self.properties.items() if (">", 0.0) in one.rules]
+        positive = [n for n, prop in self.properties.items() if (">", 0.0) in prop.rules]
         if names[:2] != _SPRINGS or tuple(positive[:2]) != _SPRINGS:
             raise ValueError(f"law {self.name!r}: must begin with kn and ks above zero")
         if self.opens and state[4:6] != ("status", "gap"):
@@ -304,55 +304,55 @@ def read_laws(
 def _read_law(kind, row, number):
     """Read one row; as `read_laws`."""
     where = f"law {row.partition(':')[0]!r}"
-    found = re.fullmatch(r"([a-z][\w-]*):([^|]*)\|([^|]*)\|([^|]*)", row)
-    if found is None:
+    match = re.fullmatch(r"([a-z][\w-]*):([^|]*)\|([^|]*)\|([^|]*)", row)
+    if match is None:
         raise ValueError(f"{where}: a row is 'NAME: PROPERTIES | KIND | STATE', got {row!r}")
-    table: dict[str, Property] = {}
-    for text in filter(None, map(str.strip, found[2].split(","))):
-        one = _read_property(f"{where}, {text!r}", text)
-        if one.default is not None and one.default[1] not in ("", *table):
+    table: dict[str, LawProperty] = {}
+    for text in filter(None, map(str.strip, match[2].split(","))):
+        prop = _read_property(f"{where}, {text!r}", text)
+        if prop.default is not None and prop.default[1] not in ("", *table):
             raise ValueError(
                 f"{where}, {text!r}: a default is a number, inf, a property that stands before it, "
                 "or number*property"
             )
-        table[one.name] = one
-    for one in table.values():
-        for other in (one.needs, *(bound for _, bound in one.rules)):
+        table[prop.name] = prop
+    for prop in table.values():
+        for other in (prop.needs, *(bound for _, bound in prop.rules)):
             if isinstance(other, str) and other not in ("", *table):
-                raise ValueError(f"{where}, {one.name}: has no property {other!r}")
+                raise ValueError(f"{where}, {prop.name}: has no property {other!r}")
     known = sorted(field.name for field in fields(kind) if field.type is bool)
-    for word in found[3].split():
+    for word in match[3].split():
         if word not in known:
             raise ValueError(f"{where}: is not {word!r}; a kind is one of {', '.join(known)}")
-    states = {text.removesuffix("=0"): text.endswith("=0") for text in found[4].split()}
+    states = {text.removesuffix("=0"): text.endswith("=0") for text in match[4].split()}
     at_zero = frozenset(name for name, zero in states.items() if zero)
-    words = dict.fromkeys(found[3].split(), True)
-    return kind(found[1], number, table, tuple(states), at_zero, **words)
+    words = dict.fromkeys(match[3].split(), True)
+    return kind(match[1], number, table, tuple(states), at_zero, **words)
 
 
 def _read_property(where, text):
     """Read one property of a row."""
-    found = _PROPERTY.fullmatch(text)
-    if found is None:
+    match = _PROPERTY.fullmatch(text)
+    if match is None:
         raise ValueError(f"{where}: a property is 'NAME[UNIT] in FILE RULES = DEFAULT'")
-    units = PROPERTY_UNITS.get(found["unit"])
+    units = PROPERTY_UNITS.get(match["unit"])
     if units is None:
         raise ValueError(
             f"{where}: unknown unit; use one of {', '.join(PROPERTY_UNITS)}, or add it to "
             "PROPERTY_UNITS of pyblast/units.py"
         )
-    if found["file"]:
-        first = found["file"].lower().replace("/", "_per_")
+    if match["file"]:
+        first = match["file"].lower().replace("/", "_per_")
         if first not in units:
             raise ValueError(f"{where}: project files have no such unit; use one of {units}")
         units = (first, *(other for other in units if other != first))
-    words = found["rules"].split()
+    words = match["rules"].split()
     pairs = list(zip(words[::2], words[1::2], strict=True))
-    return Property(
-        found["name"], found["unit"], units,
+    return LawProperty(
+        match["name"], match["unit"], units,
         tuple(Rule(sign, _number_or_name(word)) for sign, word in pairs if sign != "needs"),
         next((word for sign, word in pairs if sign == "needs"), ""),
-        None if found["default"] is None else _default(found["default"]),
+        None if match["default"] is None else _default(match["default"]),
     )  # fmt: skip
 
 

@@ -9,7 +9,6 @@ from ..core import JOINT_LAWS
 from ..errors import InputError, named_error
 from ..mesh.builder import Fault, JointSet, Layer, build_mesh, structured_box
 from ..mesh.grid import SIDES, Geometry, upward_normal
-from ..mesh.importer import read_mesh
 from ..mesh.mesh import Mesh, inner_facets, surface_faces
 from ..model.anisotropy import HoekBrown, UbiquitousJoints, jointed, transverse
 from ..model.boundary import Fixed, FreeField, Roller, Viscous
@@ -98,9 +97,9 @@ def make_joint(where, surface, config):
             raise InputError(f"{where}.{key}: {sign}, got {plain_number(value, 6)}")
         with named_error(where):
             properties[stem] = to_si(key, value)[1]
-    for name, one in law.properties.items():
-        if name not in properties and one.default is None:
-            raise InputError(f"{where}.{one.key}: missing; add it")
+    for name, prop in law.properties.items():
+        if name not in properties and prop.default is None:
+            raise InputError(f"{where}.{prop.key}: missing; add it")
     pressure = to_si("pressure_kpa", config.insitu_pressure_kpa)[1]
     mass = 0.0
     if config.fill_density_kg_per_m3 is not None:
@@ -114,7 +113,7 @@ def make_joint(where, surface, config):
 
 def _proposal(key, law):
     """Propose a known key of a law."""
-    known = {name: one.key for name, one in law.properties.items()}
+    known = {name: prop.key for name, prop in law.properties.items()}
     stems = sorted((name for name in known if key.startswith(f"{name}_")), key=len)
     near = [known[stems[-1]]] if stems else get_close_matches(key, known.values(), n=1)
     return f"did you mean {near[0]!r}?" if near else f"known are {', '.join(known.values())}"
@@ -394,6 +393,8 @@ def make_mesh(config, materials, folder, surface=None, log=None, relief=np.inf) 
         Largest distance of the ground from its survey; see `build_mesh`.
     """
     if config.file is not None:
+        from ..mesh.importer import read_mesh
+
         return read_mesh(
             folder / config.file, config.file_groups or None, [*config.file_joints], log
         )
