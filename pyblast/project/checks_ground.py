@@ -519,7 +519,7 @@ def _mean_normal(mesh, surface):
 def stiff_joint(
     joint: str, stiffness: float, price: float, impedance: float, top: float
 ) -> Finding | None:
-    """D46: a joint so stiff that it sets the time step; None where it costs little.
+    """D45: a joint so stiff that it sets the time step; None where it costs little.
 
     Parameters
     ----------
@@ -538,7 +538,7 @@ def stiff_joint(
     enough = np.pi * top * impedance / CLOSED
     advice = "take that" if enough < stiffness else "so it is not stiffer than it has to be"
     return Finding(
-        "D46",
+        "D45",
         "A joint sets the time step",
         f"'{joint}' with {stiffness / 1e9:.3g} GPa/m takes {price:.2g} times as many steps as the "
         f"ground alone; one of {enough / 1e9:.2g} GPa/m delays waves up to {top:.3g} Hz by no more "

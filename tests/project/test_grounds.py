@@ -188,7 +188,7 @@ def test_a_joint_that_sets_the_time_step_is_named_with_its_price(ground, kind):
         project = ground(faults=plane, joints=joint, kind=kind)
         checked = check(project, measure=False)
         steps[stiffness] = checked.summary.steps
-        found = [finding for finding in checked.findings if finding.code == "D46"]
+        found = [finding for finding in checked.findings if finding.code == "D45"]
         assert bool(found) == (stiffness > 5.0)
     (finding,) = found
     assert "'F' with 10000 GPa/m" in finding.text
