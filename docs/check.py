@@ -1,6 +1,6 @@
 """Check that commands, numbers and pictures of the documents are those of the program.
 
-    ./dev docs --check --quick    commands and their options, pictures, numbers that need no run
+    ./dev docs --check --quick    commands and their options, pictures: what needs no run
     ./dev docs --check            runs the commands of the pages, too, and compares what they give
     ./dev docs --check --write    writes anew what differs
 
@@ -25,8 +25,6 @@ import typer
 from matplotlib.image import imread
 
 from pyblast.cli.commands import app
-from pyblast.diagnosis import library  # noqa: F401  fills the library
-from pyblast.diagnosis.hypotheses import LIBRARY
 from pyblast.project.result import write_bytes, write_text
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -37,7 +35,6 @@ PAGES = [
     ROOT / "docs" / "examples.md",
     *sorted((ROOT / "docs" / "guide").glob("*.md")),
 ]
-FACTS = {"labels": lambda: str(len({one.label for one in LIBRARY.values()}))}
 RELATIVE = 0.05  # by which a number may differ, or by one in its last place
 UNLIKE = 0.02  # mean difference of the pixels of pictures, of white against black
 
@@ -214,24 +211,10 @@ def quick_faults(pages: list[Path]) -> Iterator[str]:
         for picture in re.findall(r"\]\((?:docs/|\.\./)?figures/([^)]+)\)", text):
             if picture not in made:
                 yield f"{name}: no chapter of {__name__} makes {picture}"
-        for fact, value in FACTS.items():
-            for shown in re.findall(rf"<!-- {fact} -->(.*?)<!-- end of {fact} -->", text):
-                if shown != value():
-                    yield f"{name}: {fact}: {shown} is said, {value()} it is (--quick --write)"
     for chapter in CHAPTERS.values():
         for block, page in chapter.blocks.items():
             if page in pages and not _pattern(block).search(page.read_text(encoding="utf-8")):
                 yield f"{page.name}: has no block <!-- {block} -->"
-
-
-def write_facts(pages: list[Path]) -> None:
-    """Write the numbers that need no run anew."""
-    for page in pages:
-        text = page.read_text(encoding="utf-8")
-        for fact, value in FACTS.items():
-            anew = f"<!-- {fact} -->{value()}<!-- end of {fact} -->"
-            text = re.sub(rf"<!-- {fact} -->.*?<!-- end of {fact} -->", anew, text)
-        write_text(page, text)
 
 
 def _pattern(block):
@@ -307,8 +290,6 @@ def main(arguments: list[str]) -> int:
     if unknown := [name for name in chosen if name not in CHAPTERS]:
         sys.stderr.write(f"no chapter {unknown[0]}; known are {', '.join(CHAPTERS)}\n")
         return 2
-    if write:
-        write_facts(PAGES)
     faults = 0
     for fault in quick_faults(PAGES):
         sys.stdout.write(f"{fault}\n")

@@ -18,7 +18,7 @@ from ..mesh.mesh import Mesh, zone_edge_lengths
 from ..mesh.quality import explicit_work
 from ..model.material import ConstantQ
 from ..readers.provenance import ReadLog
-from ..solver.injection import injected_sources
+from ..solver.injection import LOWEST_ORDER, injected_sources
 from ..solver.moment_density import edges_near
 from .ground import make_geometry, make_mesh, mean_edge
 from .inputs import blast_frequency
@@ -517,6 +517,8 @@ def _hexahedra(project, geometry, wave, lines=None):
     """
     config, materials, reasons = project.config, project.materials, {}
     order, positions = config.mesh.order, positions_of(project)
+    lowest = LOWEST_ORDER if config.holes_inside or config.moment_tensors else 2
+    orders = [each for each in ORDERS if each >= lowest]
 
     def meshes(order, builders, factor=1.0):
         sizes = [
@@ -539,13 +541,13 @@ def _hexahedra(project, geometry, wave, lines=None):
     elif order:
         trials = [*meshes(order, BUILDERS)]
     else:
-        trials = [each for first in ORDERS for each in meshes(first, BUILDERS)]
+        trials = [each for first in orders for each in meshes(first, BUILDERS)]
         if trials:  # the work has one minimum over the orders
             best = min(trials, key=lambda each: each[0])[2].order
-            trials += meshes(best + (1 if best == max(ORDERS) else -1), BUILDERS)
+            trials += meshes(max(lowest, best + (1 if best == max(ORDERS) else -1)), BUILDERS)
     trials.sort(key=lambda each: each[0])
     cut = {CUT: subdivided.build_subdivided}
-    last = (each for factor in (1.0, 0.5) for each in meshes(order or ORDERS[0], cut, factor))
+    last = (each for factor in (1.0, 0.5) for each in meshes(order or orders[0], cut, factor))
     for _, how, mesh in chain(trials, last):
         rows = as_built(mesh, geometry, wave, positions)
         wrong = differences(rows)

@@ -163,8 +163,10 @@ def test_imports_run_in_no_circle():
 def test_a_package_imports_only_what_stands_before_it(name):
     package = name.split(".")[0]
 
+    assert package in PACKAGES, "give the package its place in PACKAGES, from the ground up"
     below = PACKAGES[: PACKAGES.index(package) + 1]
-    assert {module.split(".")[0] for module in imported(name)[0]} - {""} <= {*below}
+    upwards = {module for module in imported(name)[0] if module.split(".")[0] not in below} - {""}
+    assert not upwards, "what both need belongs into the lower package, or is passed by the caller"
 
 
 @EACH
@@ -211,7 +213,8 @@ def test_diagnosis_takes_nothing_from_back_analysis():
 def test_a_package_has_at_most_as_many_modules_as_one_can_know():
     packages = [path.parent for path in MODULES if path.stem != "__init__"]
 
-    assert max(packages.count(package) for package in packages) <= MOST_IN_A_PACKAGE
+    full = {each.name for each in packages if packages.count(each) > MOST_IN_A_PACKAGE}
+    assert not full, "which of its modules are one idea, or belong to another package?"
 
 
 @pytest.mark.parametrize("tool", ONE_ROOM)
@@ -231,7 +234,7 @@ def test_no_other_room_takes_up_a_tool_that_has_its_own(tool):
 def test_prior_deviations_are_no_new_constants():
     ends = {n for name in TREES for n in assigned(name) if n.endswith("_SIGMA")}
 
-    assert ends <= PRIORS_IN_CODE
+    assert ends <= PRIORS_IN_CODE, "make it a key of [priors] in config/, see PriorsConfig"
 
 
 @EACH
@@ -244,13 +247,14 @@ def test_a_public_function_states_the_type_of_its_project(name):
         if argument.arg == "project" and argument.annotation is None
     ]
 
-    assert not untyped or name in UNTYPED_PROJECT
+    assert not untyped or name in UNTYPED_PROJECT, "annotate it as project: Project"
 
 
 @EACH
 def test_a_module_holds_one_idea(name):
     assert "_and_" not in name
-    assert [*ideas(TREES[name]), 0, 0][1] <= MOST_LINES_OF_A_SECOND_IDEA
+    second = [*ideas(TREES[name]), 0, 0][1]
+    assert second <= MOST_LINES_OF_A_SECOND_IDEA, "two groups that do not use one another: split it"
 
 
 @pytest.mark.parametrize(
@@ -266,7 +270,8 @@ def test_definitions_that_name_one_another_are_one_idea(code, lines):
 
 @pytest.mark.parametrize("path", [*MODULES, *FORTRAN], ids=lambda path: path.name)
 def test_no_file_is_so_long_that_it_may_hold_a_second_idea(path):
-    assert len(path.read_text().splitlines()) <= MOST_LINES
+    lines = len(path.read_text(encoding="utf-8").splitlines())
+    assert lines <= MOST_LINES, "is there a second idea in it? then give that one its own module"
 
 
 @pytest.mark.parametrize("path", [p for p in FORTRAN if p.stem != "border"], ids=lambda p: p.name)

@@ -166,6 +166,20 @@ def test_the_grid_turns_where_all_sides_are_open():
     assert quality(between).min() < 0.95  # 'west' stands
 
 
+@pytest.mark.parametrize(("dip", "towards"), [(30, 60), (30, 0), (60, 135), (85, 310), (10, 20)])
+def test_in_ground_that_is_open_all_around_a_plane_goes_on_straight_through_the_layer(dip, towards):
+    plane = fault(dip, towards, through=(100.0, 75.0, -30.0))
+    mesh = built(faults=[plane], open_sides=SIDES)
+    at = mesh.points[mesh.surfaces["F"]]
+
+    assert np.abs((at - plane.point) @ plane.unit_normal).max() < 1e-9
+    assert mesh.layer.depths(at.mean(axis=1)).max() > 0.5
+    centre = mesh.points.mean(axis=0)
+    for number, side in enumerate(SIDES):  # those of the box that they face most alike
+        outward = mesh.points[mesh.surfaces[side]].mean(axis=(0, 1)) - centre
+        assert outward[number // 2] * (2 * (number % 2) - 1) > 0.0, side
+
+
 def test_lines_run_closer_together_through_fine_parts():
     part = Fine(np.array([[90.0, 110.0], [70.0, 80.0], [-10.0, 0.0]]), 4.0)
     mesh = built(lines=[part])

@@ -54,7 +54,7 @@ def test_faults_of_different_dip_and_strike_meet_between_sides_that_stand():
     mesh = built(open_sides=("bottom",))
 
     assert zone_volumes(mesh).min() > 0.0
-    assert zone_volumes(mesh).sum() == pytest.approx(100.0 * 80.0 * (60.0 + 40.0))
+    assert zone_volumes(mesh).sum() == pytest.approx(100.0 * 80.0 * (60.0 + 60.0))
     for plane in MEETING:
         at = mesh.points[mesh.surfaces[plane.name]]
         inside = (at[..., 2] > -60.0 - 1e-6).all(axis=1)
@@ -67,15 +67,15 @@ def test_faults_of_different_dip_and_strike_meet_between_sides_that_stand():
 def test_the_layer_is_drawn_from_open_sides_and_closes_the_mesh():
     mesh = built()
 
-    assert mesh.points.min(axis=0) == pytest.approx([-40.0, -40.0, -100.0])
-    assert mesh.points.max(axis=0) == pytest.approx([140.0, 120.0, 0.0])
+    assert mesh.points.min(axis=0) == pytest.approx([-60.0, -60.0, -120.0])
+    assert mesh.points.max(axis=0) == pytest.approx([160.0, 140.0, 0.0])
     faces = {tuple(sorted(face)) for face in outer_faces(mesh).tolist()}
     assert {tuple(sorted(f)) for side in SIDES for f in mesh.surfaces[side].tolist()} == faces
     assert mesh.layer.depths(BOX.T).max() == 0.0
     split = mesh.split(["F", "G"])
     assert split.contacts.names == ("F", "G")
     beyond = mesh.points[mesh.surfaces["F"]][..., 1].max()
-    assert beyond == pytest.approx(120.0)  # faults go on through the layer
+    assert beyond == pytest.approx(140.0)  # faults go on through the layer
 
 
 def test_sets_end_at_the_layer_and_layers_keep_their_heights():

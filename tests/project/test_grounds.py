@@ -159,7 +159,12 @@ def test_more_receivers_leave_the_planes_of_a_set_as_they_are(ground):
 
     one, other = ground(**parts).ground, ground(**parts, receivers=more).ground
 
-    np.testing.assert_array_equal(other.mesh.points, one.mesh.points)
+    normal = np.array([np.sin(np.radians(30.0)), np.cos(np.radians(30.0)), 0.0])
+    planes = [
+        np.unique(np.round(each.mesh.points[each.mesh.surfaces["S"]] @ normal, 6))
+        for each in (one, other)
+    ]
+    np.testing.assert_array_equal(*planes)
     assert [row.built for row in other.rows if row.quantity == "planes"] == [9.0]
 
 
@@ -209,7 +214,7 @@ def test_every_place_of_a_hill_has_its_height_on_cut_tetrahedra(ground):
 def test_a_candidate_that_fails_makes_room_for_the_next(ground, monkeypatch):
     """Zones that lack under a receiver, an error of the mesher: no reason to refuse a ground."""
     parts = dict(faults=[fault("F", 60, 90, (90, 45, 60))], receiver=(20, 45))
-    assert "swept" in ground(**parts).ground.reason
+    assert "of tetrahedra cut" not in ground(**parts).ground.reason
 
     def pierced(*arguments):
         mesh = swept.build_swept(*arguments)

@@ -10,7 +10,7 @@ import recorder_files as files
 from recorder_files import write, write_trace
 
 from pyblast.errors import InputError, PyblastWarning, ReadError
-from pyblast.recordings.recording import FORMATS, read_recording, read_stations
+from pyblast.recordings.recording import read_recording, read_stations
 
 RNG = np.random.default_rng(7)
 ZERO = "2025-01-02T03:04:05.100"
@@ -175,13 +175,6 @@ def test_single_channel_leaves_the_others_missing(tmp_path):
     (recording,) = read_recording(path, unit="mm_per_s")
 
     assert recording.seismogram.present.tolist() == [False, False, True]
-
-
-def test_formats_offer_nothing_that_runs_code():
-    assert set(FORMATS) == {
-        "INSTANTEL_ASCII", "INSTANTEL_CSV", "TEXCEL", "VIBRACORD", "CSV", "MAPPED",
-        "MSEED", "SAC", "GSE2",
-    }  # fmt: skip
 
 
 # axes

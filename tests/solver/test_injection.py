@@ -35,16 +35,16 @@ POINTS = {"5 m": (5.0, 0.0, 0.0), "20 m": (12.0, -16.0, 0.0), "45 m": (-27.0, 36
           "100 m": (60.0, 80.0, 0.0), "below": (0.0, 30.0, -40.0)}  # fmt: skip
 
 
-def box(centre, depth=180.0, sides=SIDES, layers=ROCKS):
+def box(centre, depth=180.0, sides=SIDES, layers=ROCKS, order=4):
     """Return a box of elements of 60 m with a free top at 0, five wide, about a centre (2,)."""
     low = np.array([*centre, 0.0]) - [150.0, 150.0, depth]
     limits = np.column_stack([low, low + np.array([300.0, 300.0, depth])])
     geometry = Geometry(limits, layers, standing=frozenset(ALL) - set(sides))
-    return mapped.build_mapped(geometry, [EDGE] * len(layers), 4)
+    return mapped.build_mapped(geometry, [EDGE] * len(layers), order)
 
 
 def model_of(sources, centre=(0.0, 0.0), receivers=POINTS, sides=SIDES, **other):
-    mesh = box(centre, sides=sides, layers=other.pop("layers", ROCKS))
+    mesh = box(centre, sides=sides, layers=other.pop("layers", ROCKS), order=other.pop("order", 4))
     parts = {"materials": {"rock": ROCK, "stiff": ROCK}} | other
     return Model(
         mesh, boundaries=[Viscous(side) for side in sides], sources=sources, injected=True,
@@ -138,6 +138,7 @@ OBSTACLES = {
     "speeds vary": ({"ground": [Gradient(0.2, 100.0)]}, None),
     "takes more than 2 %": ({"damping": Damping(0.05, 12.0)}, None),
     "no source is an explosion": ({}, np.diag([1.0, 1.0, 2.0])),
+    "elements of order 3 carry": ({"order": 3}, None),
 }
 
 

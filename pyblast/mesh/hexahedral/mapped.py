@@ -9,7 +9,7 @@ stay plane. A grid without slopes is a plain grid. Source: Gordon & Hall (1973).
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import pairwise, permutations
 from typing import Protocol
 
 import numpy as np
@@ -23,7 +23,7 @@ from ..hexahedra import AbsorbingLayer
 from ..mesh import Mesh
 from ..quality import explicit_work, refuse_beyond_memory
 
-LAYER_CELLS = 2  # of the absorbing layer
+LAYER_CELLS = {2: 6, 3: 3}  # of the absorbing layer by order; of higher orders two
 LEAST_GAP = 0.15  # of an edge, at the narrow end between two planes, or a plane and a side
 NARROWING = 0.5  # narrow end over wide end from which the gap does not matter
 BELOW_SURFACE = 0.25  # of an edge, from the reference to the lowest ground
@@ -206,11 +206,9 @@ class Surface:
 
 
 def side_names(frame: np.ndarray) -> list[list[str]]:
-    """Return the sides at the lower and the upper end of axes (3, 3), of which one is upright."""
-    axes = [2, 2, 2]
-    level = np.flatnonzero(np.abs(frame[:, 2]) < 0.5)
-    axes[level[0]] = int(np.argmax(np.abs(frame[level[0], :2])))
-    axes[level[1]] = 1 - axes[level[0]]
+    """Return the sides at the lower and the upper end of axes (3, 3): those that face most alike."""
+    alike = np.round(np.abs(frame), 9)
+    axes = max(permutations(range(3)), key=lambda order: alike[range(3), order].sum())
     names = []
     for row, axis in zip(frame, axes, strict=True):
         pair = list(SIDES[2 * axis : 2 * axis + 2])
@@ -222,6 +220,11 @@ def extent_along(frame: np.ndarray, box: np.ndarray) -> np.ndarray:
     """Return the limits (3, 2) in m of a box along the axes (3, 3) of a frame."""
     corners = np.array(np.meshgrid(*box)).reshape(3, -1).T @ frame.T
     return np.column_stack([corners.min(axis=0), corners.max(axis=0)])
+
+
+def layer_cells(order: int) -> int:
+    """Return how many zones of an order an absorbing layer is wide; docs/quality/absorbing.md."""
+    return LAYER_CELLS.get(order, 2)
 
 
 def layer_beside(
@@ -327,7 +330,7 @@ class Builder(Protocol):
         order: int,
         lines: Sequence[Fine] | None = None,
     ) -> Mesh:
-        """Build a mesh, not split, with an absorbing layer of two hexahedra beside open sides.
+        """Build a mesh, not split, with an absorbing layer beside open sides.
 
         Parameters
         ----------
@@ -368,8 +371,8 @@ def build_mapped(
     surface = None if geometry.surface is None else Surface(geometry)
     for frame in _frames(geometry, planes):
         try:
-            grid = _Grid(geometry, planes, np.asarray(sizes, dtype=float), frame, surface, lines)
-            meshes.append(grid.mesh(order))
+            edges = np.asarray(sizes, dtype=float)
+            meshes.append(_Grid(geometry, planes, edges, order, frame, surface, lines).mesh())
         except NotMapped as reason:
             reasons.append(str(reason))
     if not meshes:
@@ -396,6 +399,11 @@ def _frames(geometry, planes):
             first = np.array([*normal[:2], 0.0]) / np.hypot(*normal[:2])
             if not any(min(np.abs(first @ f[:2].T)) < PARALLEL for f in frames):
                 frames.append(np.array([first, np.cross(z, first), z]))
+    if not geometry.standing and geometry.surface is None and len(geometry.layers) == 1:
+        for plane in planes:  # whatever turns with a plane: it goes on straight in the layer
+            if PARALLEL < np.hypot(*plane.normal[:2]) < 1.0 - PARALLEL:
+                across = np.cross(plane.normal, plane.strike)
+                frames.append(np.array([plane.strike, across, plane.normal]))
     return frames
 
 
@@ -416,14 +424,15 @@ class _Grid:
     the other two.
     """
 
-    def __init__(self, geometry, planes, sizes, frame, surface, lines):
+    def __init__(self, geometry, planes, sizes, order, frame, surface, lines):
         """Sort the planes by axis and divide the distances between them."""
         self.geometry, self.sizes, self.frame, self.surface = geometry, sizes, frame, surface
+        self.order, self.cells = order, layer_cells(order)
         self.edge = float(min(sizes))
         self.range = extent_along(frame, geometry.box)
         self.names = side_names(frame)
         self.open = np.array([[s in geometry.open_sides for s in pair] for pair in self.names])
-        self.top = geometry.box[2, 1] if surface is None else max(surface.highest, self.range[2, 1])
+        self.top = self.range[2, 1] if surface is None else max(surface.highest, self.range[2, 1])
         self.parts = [self._part(plane) for plane in planes]
         self._family()
         self._reference()
@@ -553,13 +562,13 @@ class _Grid:
 
     def _with_layer(self, axis, line):
         """Return coordinates with the cells of the absorbing layer outside of open sides."""
-        steps = np.arange(1, LAYER_CELLS + 1)
+        steps = np.arange(1, self.cells + 1)
         cells = [line[1] - line[0], line[-1] - line[-2]] if axis == 2 else [self.edge] * 2
         if self.open[axis, 0]:
-            self.width[axis, 0] = LAYER_CELLS * cells[0]
+            self.width[axis, 0] = self.cells * cells[0]
             line = np.concatenate([line[0] - cells[0] * steps[::-1], line])
         if self.open[axis, 1]:
-            self.width[axis, 1] = LAYER_CELLS * cells[1]
+            self.width[axis, 1] = self.cells * cells[1]
             line = np.concatenate([line, line[-1] + cells[1] * steps])
         return line
 
@@ -609,8 +618,9 @@ class _Grid:
             low, high = np.where(outside, low, middle), np.where(outside, middle, high)
         return 0.5 * (low + high)
 
-    def mesh(self, order: int) -> Mesh:
+    def mesh(self) -> Mesh:
         """Return the mesh."""
+        order = self.order
         counts = [len(axis) for axis in self.axes]
         count = np.prod([n - 1 for n in counts]) * order**3
         refuse_beyond_memory(f"mesh: a grid of {count} nodes of hexahedra", count * BYTES_PER_NODE)

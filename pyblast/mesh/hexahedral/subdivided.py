@@ -18,7 +18,7 @@ from ..faces import face_keys, face_vectors
 from ..grid import SIDES, Geometry
 from ..mesh import Mesh
 from ..quality import explicit_work
-from .mapped import LAYER_CELLS, SAME, Fine, NotMapped, Surface, between_zones, layer_beside
+from .mapped import SAME, Fine, NotMapped, Surface, between_zones, layer_beside, layer_cells
 from .swept import sliding, smoothed_quadrilaterals, upright
 
 EDGES = np.array([[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]])  # of a tetrahedron
@@ -204,7 +204,7 @@ def _between_groups(zones, group, n):
 
 def _with_layer(geometry, cut, points, zones, surfaces, ends, cell, order):
     """Return the mesh with the cells of the absorbing layer outside of open sides."""
-    group = np.tile(cut.zone_group, 4)
+    group, wide = np.tile(cut.zone_group, 4), layer_cells(order)
     opened = np.array([s in geometry.open_sides for s in SIDES]).reshape(3, 2)
     for number, side in enumerate(SIDES):  # later ones draw edges and corners, too
         if side not in geometry.open_sides:
@@ -216,9 +216,9 @@ def _with_layer(geometry, cut, points, zones, surfaces, ends, cell, order):
         shift = sign * cell * np.eye(3)[axis]
         levels = [
             used,
-            *(len(points) + k * len(used) + np.arange(len(used)) for k in range(LAYER_CELLS)),
+            *(len(points) + k * len(used) + np.arange(len(used)) for k in range(wide)),
         ]
-        fresh = [points[used] + (k + 1) * shift for k in range(LAYER_CELLS)]
+        fresh = [points[used] + (k + 1) * shift for k in range(wide)]
         owner = _owners(zones, faces, len(points))
         added = [
             np.concatenate([inner[local][:, [0, 1, 3, 2]], outer[local][:, [0, 1, 3, 2]]], axis=1)
@@ -236,9 +236,9 @@ def _with_layer(geometry, cut, points, zones, surfaces, ends, cell, order):
         surfaces[side] = levels[-1][local]
         points = np.concatenate([points, *fresh])
         zones = np.concatenate([zones, *added])
-        group = np.concatenate([group, *[group[owner]] * LAYER_CELLS])
+        group = np.concatenate([group, *[group[owner]] * wide])
     zones = _right_handed(points, zones)
-    widths = np.full((3, 2), LAYER_CELLS * cell)
+    widths = np.full((3, 2), wide * cell)
     return Mesh(
         points, upright(points, zones, np.eye(3)), group, cut.groups,
         between_zones(surfaces, zones, len(points)),

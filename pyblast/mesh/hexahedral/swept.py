@@ -20,7 +20,6 @@ from ..mesh import Mesh
 from ..quality import refuse_beyond_memory
 from .mapped import (
     BYTES_PER_NODE,
-    LAYER_CELLS,
     PARALLEL,
     SAME,
     Fine,
@@ -32,6 +31,7 @@ from .mapped import (
     divided,
     extent_along,
     layer_beside,
+    layer_cells,
     planes_of,
     side_names,
 )
@@ -66,8 +66,8 @@ def build_swept(
         if not _suits(planes, frame):
             continue
         try:
-            sweep = _Sweep(geometry, planes, np.asarray(sizes, dtype=float), frame, lines)
-            return sweep.mesh(order)
+            edges = np.asarray(sizes, dtype=float)
+            return _Sweep(geometry, planes, edges, order, frame, lines).mesh()
         except (MeshingError, NotMapped) as reason:
             reasons.append(str(reason))
     lacks = "no direction lies in all of its planes or stands across them"
@@ -341,8 +341,9 @@ def upright(points: np.ndarray, zones: np.ndarray, frame: np.ndarray) -> np.ndar
 class _Sweep:
     """Section and sweep of a geometry; positions along the axes of its frame."""
 
-    def __init__(self, geometry, planes, sizes, frame, lines):
+    def __init__(self, geometry, planes, sizes, order, frame, lines):
         """Set limits, tolerance and reference height; ease the sides that may move."""
+        self.order, self.wide = order, layer_cells(order)
         self.geometry, self.planes, self.sizes, self.frame = geometry, planes, sizes, frame
         self.edge = float(min(sizes))
         self.vertical = abs(frame[2, 2]) > 0.5
@@ -433,9 +434,9 @@ class _Sweep:
         ends = _clipped(at, step, -reach, reach, limits)
         return [] if ends is None else [_Trace(ends, plane, along)]
 
-    def mesh(self, order: int) -> Mesh:
+    def mesh(self) -> Mesh:
         """Return the mesh."""
-        traces = self._traces(self.range[:2])
+        order, traces = self.order, self._traces(self.range[:2])
         points, quads, edges = self._section(traces)
         core = len(quads)
         points, quads, edges = self._with_layer(points, quads, traces, edges)
@@ -554,7 +555,7 @@ class _Sweep:
         for (axis, end), mask in on.items():
             if not self.open[axis, end]:
                 continue
-            pairs = [(k * (2 * end - 1), (k + 1) * (2 * end - 1)) for k in range(LAYER_CELLS)]
+            pairs = [(k * (2 * end - 1), (k + 1) * (2 * end - 1)) for k in range(self.wide)]
             for u, v in sides[mask[sides].all(axis=1)]:
                 more += [
                     [beyond(u, axis, k), beyond(v, axis, k), beyond(v, axis, m), beyond(u, axis, m)]
@@ -570,7 +571,7 @@ class _Sweep:
             if self.open[0, first] and self.open[1, second]:
                 n = int(np.flatnonzero(on[0, first] & on[1, second])[0])
                 i, j = 2 * first - 1, 2 * second - 1
-                for p, q in product(range(LAYER_CELLS), range(LAYER_CELLS)):
+                for p, q in product(range(self.wide), range(self.wide)):
                     ring = ((p, q), (p + 1, q), (p + 1, q + 1), (p, q + 1))
                     more.append([node(n, i * a, j * b) for a, b in ring])
         points = np.array(fresh)
@@ -604,7 +605,7 @@ class _Sweep:
             parts.append(divided(first, second, edge, fine))
         line = np.concatenate([*parts, [high]])
         self.cells = [line[1] - line[0], line[-1] - line[-2]] if self.vertical else [self.edge] * 2
-        steps = np.arange(1, LAYER_CELLS + 1)
+        steps = np.arange(1, self.wide + 1)
         below = line[0] - self.cells[0] * steps[::-1] if self.open[2, 0] else []
         above = line[-1] + self.cells[1] * steps if self.open[2, 1] else []
         return np.concatenate([below, line, above])
@@ -666,8 +667,8 @@ class _Sweep:
         """Return the mesh in the ground, stretched to its surface."""
         axes = [0, 1, 2] if self.vertical else [0, 2, 1]  # the vertical is the last
         frame, limits, opened = self.frame[axes], self.range[axes], self.open[axes]
-        width = np.full((3, 2), LAYER_CELLS * self.edge)
-        width[2] = LAYER_CELLS * np.array(self.cells)
+        width = np.full((3, 2), self.wide * self.edge)
+        width[2] = self.wide * np.array(self.cells)
         width = width[axes]
         turned = 2 if self.upward < 0.0 else 1
         if self.upward <= 0.0:  # up, and of the right hand where the sweep is level
