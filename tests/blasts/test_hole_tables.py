@@ -205,7 +205,7 @@ def test_a_table_is_read_in_the_encodings_of_spreadsheets(table, encoding):
 
 
 @pytest.mark.parametrize(("content", "message"), [
-    (b"PK\x03\x04\x14\0", "is a zip archive or a damaged Excel workbook; unpack it .*save the work"),
+    (b"PK\x03\x04\x14\0", "is a zip archive or a damaged Excel workbook; unpack it .*save the"),
     (b"\xd0\xcf\x11\xe0\xa1", "is an Excel workbook or document of the old kind; save it as .xlsx"),
     (b"\x55\x3a\x01\0", "is SEG2 .a gather of SEG-2.; export the table as CSV"),
 ])  # fmt: skip
