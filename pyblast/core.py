@@ -5,14 +5,18 @@ import logging
 import os
 import subprocess
 import sys
+import time
 import tomllib
 from functools import cache
 from importlib import resources
 from importlib.util import module_from_spec, spec_from_file_location
+from itertools import count
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+
+from .laws import StressLaw, TractionLaw, read_laws
 
 os.environ.setdefault("OMP_WAIT_POLICY", "passive")
 if TYPE_CHECKING:  # compiled, without type information
@@ -40,6 +44,7 @@ HEX_WIDTH = {  # hexahedra side by side in memory, by single precision
     False: int(_core.pyblast_kinds.hex_width),
     True: 8,
 }
+PIECE_SECONDS = 0.3  # wall time of the longest piece of a call that can't be interrupted
 LEAST_SHARED = int(_core.pyblast_kinds.least_shared)  # nodes from which threads share a time step
 # Lengths that Fortran sets, by the names that stand in arrays.toml.
 SIZES = {
@@ -72,25 +77,6 @@ BATCH_AXIS = {
     for (_, name), row in ARRAYS.items()
     if "n_batch" in row["shape"]
 }
-
-
-class Law(NamedTuple):
-    """Name, number (from 0), properties and state names of a law, as declared in Fortran."""
-
-    name: str
-    number: int
-    properties: tuple[str, ...]
-    state: tuple[str, ...]
-
-
-def _laws(signature, count):
-    """Read a table of laws from the core."""
-    table = {}
-    for number in range(int(count)):
-        name, rest = signature(number + 1).decode().split(":")
-        properties, state = rest.split("|")
-        table[name] = Law(name, number, tuple(properties.split()), tuple(state.split()))
-    return table
 
 
 @cache
@@ -154,8 +140,25 @@ def _build_all(folder):
             raise ImportError(f"pyblast: can't compile its further cores:\n{last}")
 
 
-JOINT_LAWS = _laws(_core.pyblast_joint_laws.joint_law_signature, _core.pyblast_kinds.n_joint_laws)
-ZONE_LAWS = _laws(_core.pyblast_zone_laws.zone_law_signature, _core.pyblast_kinds.n_zone_laws)
+def _rows(signature):
+    """Yield the rows of a table of laws, the last one blank."""
+    return (signature(number).decode() for number in count(1))
+
+
+JOINT_LAWS = read_laws(
+    TractionLaw,
+    _rows(_core.pyblast_joint_laws.joint_law_signature),
+    SIZES["n_row"],
+    N_JOINT_PROPERTIES,
+    N_JOINT_STATE,
+)
+ZONE_LAWS = read_laws(
+    StressLaw,
+    _rows(_core.pyblast_zone_laws.zone_law_signature),
+    SIZES["n_row"],
+    N_ZONE_PROPERTIES,
+    N_ZONE_STATE,
+)
 
 
 def property_row(law, properties, width):
@@ -165,14 +168,32 @@ def property_row(law, properties, width):
     return row
 
 
-def joint_bound(law, row):
+def joint_bound(law, properties):
     """Return the largest stiffness in Pa/m and the viscosity in Pa s/m of a joint's properties."""
+    row = property_row(law, properties, N_JOINT_PROPERTIES)
     return _core.pyblast_joint_laws.joint_bound(law.number + 1, row)
+
+
+def joint_tangents(law, properties, pressure):
+    """Return kn and ks in Pa/m of a joint at rest under a pressure in Pa, zero or more."""
+    row = property_row(law, properties, N_JOINT_PROPERTIES)
+    return _core.pyblast_joint_laws.joint_tangents(law.number + 1, row, pressure)
 
 
 def n_threads():
     """Return the number of OpenMP threads of a run that the calling thread starts."""
     return int(_core.pyblast_border.n_threads())
+
+
+def _one_thread():
+    """Take one thread in a process that was forked: the threads of its parent are not in it."""
+    _core.pyblast_border.use_threads(1)
+
+
+os.register_at_fork(after_in_child=_one_thread)
+if n_threads() > 8 * (os.cpu_count() or 1):
+    log.warning("takes %d threads, one for each processor", os.cpu_count())
+    _core.pyblast_border.use_threads(os.cpu_count())
 
 
 def stored_at_rest(constants, state):
@@ -292,21 +313,32 @@ def advance_batch(constants, state, first_step, n_steps, ledger_every):
 
 
 def _integrate(core, constants, state, first_step, n_steps, ledger_every):
-    """Integrate in one of the cores; as `advance_batch`."""
+    """Integrate in one of the cores, in pieces between which a signal is obeyed.
+
+    As `advance_batch`. Pieces end with rounds of the energy balance, where they change no bit.
+    """
     n_batch = int(core.pyblast_batch.n_batch)
-    last = first_step + n_steps
+    last, real = first_step + n_steps, state["velocity"].dtype
     n_lines = -(-last // ledger_every) - -(-first_step // ledger_every)
-    real = state["velocity"].dtype
     motion = np.zeros((n_steps, constants["receiver_node"].shape[1], 3, n_batch), real)
     energy = np.zeros((n_lines, n_batch, len(ENERGIES)), real)
-    info, node, member = core.pyblast_border.advance(
-        first_step=first_step,
-        ledger_every=ledger_every,
-        motion=motion.T,
-        energy=energy.T,
-        **constants,
-        **{name: state[name] for name in STATE},
-    )
-    motion = motion[: abs(info)].astype(np.float64, copy=False)
+    done, line, rounds, info, node, member = 0, 0, 1, 0, 0, 0
+    while done < n_steps and info >= 0:
+        step = first_step + done
+        end = min(last, (step // ledger_every + rounds) * ledger_every)
+        lines = -(-end // ledger_every) - -(-step // ledger_every)
+        began = time.perf_counter()
+        info, node, member = core.pyblast_border.advance(
+            first_step=step,
+            ledger_every=ledger_every,
+            motion=motion[done : done + end - step].T,
+            energy=energy[line : line + lines].T,
+            **constants,
+            **{name: state[name] for name in STATE},
+        )
+        done, line = done + abs(info), line + lines
+        took = max(time.perf_counter() - began, 1e-4)
+        rounds = max(1, min(4 * rounds, int(rounds * PIECE_SECONDS / took)))
+    motion = motion[:done].astype(np.float64, copy=False)
     energy = energy.astype(np.float64, copy=False)
     return motion, energy, (node - 1, member - 1) if info < 0 else None

@@ -14,7 +14,7 @@ from ..units import check_angle
 from .boundary import Boundary, SpongeLayer, StressInput, Viscous, check_boundaries
 from .ground_fields import GroundField
 from .joint import Joint
-from .material import PLASTIC, Branch, Damping, Material, ZoneLaw
+from .material import Branch, Damping, Material, ZoneLaw
 from .source import Source
 
 HEX_NODES = 5.0  # of hexahedra per S wavelength, for an error of about one per cent
@@ -149,7 +149,7 @@ class Model:
         Linear isotropic ground only, joints of any law; theory.md (2.33) to (2.38).
     injected : bool
         Whether explosions enter as the field of a half-space at the boundary of a patch of
-        elements around them; theory.md (5.23). Only in hexahedra, see `solver.injection.patch_of`.
+        elements around them; theory.md (5.25). Only in hexahedra, see `solver.injection.patch_of`.
     single : bool
         Single precision: a third faster, accurate to about 1e-4 of the peak motion.
     local_damping : float
@@ -310,7 +310,7 @@ class Model:
 
     def yielding(self) -> np.ndarray:
         """Return whether the law of each zone is plastic, (n_zones,) bool."""
-        yields = [self.law(group).name in PLASTIC for group in self.mesh.groups]
+        yields = [self.materials[group].yields for group in self.mesh.groups]
         return np.array(yields)[self.mesh.zone_group]
 
     def patches(self) -> np.ndarray:
