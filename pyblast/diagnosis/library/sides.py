@@ -49,7 +49,7 @@ def bounded(case) -> str:
     )
 
 
-def kind_of(project: Project, side: str) -> str:
+def kind_of_side(project: Project, side: str) -> str:
     """Return the condition of an outer side, of `KINDS`; free where none is given."""
     table = project.config.boundaries
     return next((kind for kind in KINDS if side in getattr(table, kind)), "free")
@@ -63,9 +63,9 @@ def with_kind(project: Project, side: str, kind: str) -> Project | None:
     if side.startswith(UNDER):
         project = without_ground_under(project, side.removeprefix(UNDER))
         side = "bottom"
-        if kind_of(project, side) == kind:
+        if kind_of_side(project, side) == kind:
             return project
-    elif kind_of(project, side) == kind:
+    elif kind_of_side(project, side) == kind:
         return None
     return project.changed(boundaries=_moved(project.config.boundaries, side, kind))
 
