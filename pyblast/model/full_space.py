@@ -11,6 +11,7 @@ from .source import TimeFunction
 
 PADDED = 4  # samples, of zero before a time function
 
+
 def moment_motion(
     rate: TimeFunction, tensor: np.ndarray, offsets: np.ndarray, times: np.ndarray, rock: Material
 ) -> np.ndarray:
