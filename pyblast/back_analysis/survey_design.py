@@ -181,7 +181,7 @@ def with_receivers(project: Project, receivers) -> Project:
         for receiver in receivers
     ]
     config = project.config.model_copy(update={"receivers": configs})
-    return make_project(config, project.path, {"mesh": project.mesh})
+    return replace(project, config=config, span=project.reach, given={})
 
 
 def _on_other_mesh(project, other, receivers):

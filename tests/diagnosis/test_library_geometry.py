@@ -17,7 +17,7 @@ from pyblast.diagnosis.effects import Effect
 from pyblast.diagnosis.hypotheses import LIBRARY
 from pyblast.diagnosis.library.geometry import _fault, _on_top
 from pyblast.errors import InputError
-from pyblast.project.elements import survey_positions
+from pyblast.project.places import survey_positions
 from pyblast.project.places import on_ground
 
 STIFF, WEAK = {"kn": 3e10, "ks": 3e10}, {"kn": 1e8, "ks": 1e8}
@@ -86,8 +86,8 @@ def test_zones_across_listed_planes_are_tetrahedra_with_a_control_of_their_own()
         for each in (applied("missing_joint/dipping", target, believed, **free, **STIFF), welded)
     )
 
-    assert believed.ground.mesh.hexahedral
-    assert not welded.ground.mesh.hexahedral
+    assert believed.meshed.mesh.hexahedral
+    assert not welded.meshed.mesh.hexahedral
     assert welded.joints == believed.joints
     assert shared(joined, bare) < 0.05
 
@@ -119,7 +119,7 @@ def test_a_missing_joint_too_stiff_to_move_changes_less_than_the_model_error():
     target = "dip 80 to 100 at -22.0"
     there = applied("missing_joint/parallel", target, site(80.0), offset=2.0, **STIFF)
 
-    assert there.ground.mesh.hexahedral
+    assert there.meshed.mesh.hexahedral
     joined, bare = (scene().case.in_band(sent(each)) for each in (there, site(80.0)))
     assert shared(joined, bare) < 0.1  # 1 % of the energy
 
@@ -185,7 +185,7 @@ def test_ground_beyond_a_slope_is_higher_or_lower():
     diagonal = applied("topography", "N", site(), height=-6.0, **knobs | {"turn": math.pi / 4})
     middle = survey_positions(site()).mean(axis=0)
 
-    assert lower.ground.mesh.hexahedral
+    assert lower.meshed.mesh.hexahedral
     assert on_ground(lower.mesh, np.add(middle, (30.0, 5.0)))[2] == pytest.approx(-6.0, abs=0.5)
     assert on_ground(lower.mesh, np.subtract(middle, (30.0, 5.0)))[2] == pytest.approx(0.0, abs=0.5)
     north_east = applied("topography", "NE", site(), height=-6.0, **knobs)

@@ -10,7 +10,7 @@ from pyblast.config.ground import BenchConfig, FractureConfig, MeshConfig
 from pyblast.errors import InputError
 from pyblast.project import checks, surface
 from pyblast.project.project import load_project
-from pyblast.project.surface import benches_of, survey_of
+from pyblast.ground.surface import benches_of, survey_of
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "bench" / "project.toml"
 

@@ -7,7 +7,6 @@ from pyblast.back_analysis.findings import near_source_findings
 from pyblast.errors import InputError
 from pyblast.mesh.quality import explicit_work
 from pyblast.project.checks import check
-from pyblast.project.elements import for_band
 from pyblast.project.places import resolved_receivers
 from pyblast.project.project import load_project
 from pyblast.solver.run import simulate
@@ -117,7 +116,7 @@ def wide(project):
 def test_a_uniform_ground_goes_on_until_its_explosion_is_injected_and_every_receiver_counts(wide):
     records = simulate(wide.model, wide.duration).seismograms
 
-    assert "times the work for room around the sources" in wide.ground.reason
+    assert "times the work for room around the sources" in wide.meshed.reason
     assert "D38" not in {finding.code for finding in check(wide, measure=False).findings}
     assert resolved_receivers(wide, tuple(OFFSETS)) == tuple(OFFSETS)
     assert "up 25" not in resolved_receivers(wide, tuple(OFFSETS), injected=False)
@@ -141,8 +140,8 @@ def force(project):
 def test_edges_shorten_around_a_force_as_far_as_the_work_allows(force, project):
     records = simulate(force.model, force.duration).seismograms
 
-    assert "edges from 20 m around the sources" in force.ground.reason
-    ratio = explicit_work(force.ground.mesh) / explicit_work(project.ground.mesh)
+    assert "edges from 20 m around the sources" in force.meshed.reason
+    ratio = explicit_work(force.meshed.mesh) / explicit_work(project.meshed.mesh)
     assert 4.0 < ratio <= 12.0
     for name in ("up 25", "east 40", "aside 60"):
         at = OFFSETS[name]
@@ -153,10 +152,10 @@ def test_edges_shorten_around_a_force_as_far_as_the_work_allows(force, project):
 
 
 def test_one_times_the_work_and_a_diagnosis_leave_the_mesh_alone(force, project):
-    fitted = force.changed(mesh=for_band(force, 40.0))
-    alone = project.changed(mesh=for_band(project, 40.0))
+    fitted = force.changed(mesh=force.for_band(40.0))
+    alone = project.changed(mesh=project.for_band(40.0))
 
-    assert len(fitted.ground.mesh.zones) == len(alone.ground.mesh.zones)
+    assert len(fitted.meshed.mesh.zones) == len(alone.meshed.mesh.zones)
 
 
 def test_what_stands_against_an_injection_is_said(project):
