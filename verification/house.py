@@ -259,6 +259,7 @@ def _by_own_interpreter(root, arguments):
     )
     if done.returncode:
         sys.exit(f"house: {python} ended with {done.returncode}:\n{done.stderr[-3000:]}")
+    sys.stderr.writelines(line for line in done.stderr.splitlines(True) if "house:" in line[:6])
     return done.stdout
 
 

@@ -21,22 +21,23 @@ import pyblast
 
 PACKAGE = Path(pyblast.__file__).parent
 FIRST = 300  # calls of a walk that are followed
-# Functions by what they do; the first of a list that a checkout has is counted.
-BUILDERS = {
-    "grounds built": ("make_ground", "mesh_ground"),
-    "grounds surveyed": ("as_built",),
-    "models built": ("model",),
-    "records gathered": ("case_of", "records"),
+# What is counted and walked, with the functions that do it, ``module:name``: those of this tree,
+# and those of older ones.
+COUNTED = {
+    "grounds built": ("simulation.recipe:make_ground", "project.elements:make_ground"),
+    "grounds surveyed": ("mesh.as_built:as_built",),
+    "models built": ("simulation.simulation:model", "project.project:model"),
+    "records gathered": ("survey:records", "diagnosis.case:case_of"),
 }
-HOMES = {
-    "make_ground": ("project.elements", "simulation.recipe", "ground"),
-    "mesh_ground": ("simulation.recipe", "simulation.simulation"),
-    "as_built": ("mesh.as_built",),
-    "model": ("project.project", "simulation.simulation"),
-    "case_of": ("diagnosis.case",),
-    "records": ("survey", "survey.survey"),
+WALKED = {
+    "run": ("workflows.run:run",),
+    "diagnose": ("workflows.diagnose:diagnose",),
+    "load_project": ("project.project:load_project",),
+    "read_blast": ("blasts.hole_tables:read_blast",),
+    "read_recording": ("recordings.recording:read_recording",),
+    "case_of": COUNTED["records gathered"],
+    "make_ground": COUNTED["grounds built"],
 }
-WALKS = "run", "diagnose", "load_project", "read_blast", "read_recording", "case_of", "make_ground"
 
 
 def kinds_of(folder: Path) -> dict[str, str]:
@@ -61,9 +62,9 @@ def _tables(tables, *names):
     return [table for table in found if "file" in table]
 
 
-def counting_reads(folder: Path) -> Counter:
+def counting_reads(folder: Path, kinds: dict[str, str]) -> Counter:
     """Return a counter that counts from now on how often each file of a folder is opened."""
-    reads, kinds = Counter(), kinds_of(folder)
+    reads = Counter()
 
     def hook(event, arguments):
         if event != "open" or not isinstance(arguments[0], (str, os.PathLike)):
@@ -76,9 +77,9 @@ def counting_reads(folder: Path) -> Counter:
     return reads
 
 
-def of_reads(job: str, reads: Counter, folder: Path) -> dict[str, int]:
+def of_reads(job: str, reads: Counter, kinds: dict[str, str]) -> dict[str, int]:
     """Return the numbers of reads by kind of file, and the most of one file."""
-    kinds, found = kinds_of(folder), {}
+    found = {}
     for kind in ("project file", "hole table", "recording"):
         names = [name for name in reads if kinds[name] == kind]
         found[f"{job}: {kind}s"] = len(names)
@@ -102,11 +103,18 @@ def module_of(filename: str) -> str | None:
     return filename[len(str(PACKAGE)) + 1 : -3].replace(os.sep, ".").removesuffix(".__init__")
 
 
-def profiled(job: str, folder: Path, order: list[str]) -> dict[str, int]:
+def is_there(function: str) -> bool:
+    """Return whether the package has a function ``module:name``."""
+    module, name = function.split(":")
+    path = PACKAGE / f"{module.replace('.', '/')}.py"
+    return path.is_file() and f"def {name}(" in path.read_text(encoding="utf-8")
+
+
+def profiled(job: str, folder: Path, order: list[str]) -> dict[str, int | None]:
     """Profile a job; return how often it does what, and its calls to packages above a caller."""
-    do_, profile = (lambda: do(job, folder)), cProfile.Profile()
-    reads = counting_reads(folder)
-    profile.runcall(do_)
+    profile, kinds = cProfile.Profile(), kinds_of(folder)
+    reads = counting_reads(folder, kinds)
+    profile.runcall(do, job, folder)
     calls, upwards, times = 0, 0, Counter()
     for (file, _, name), (_, count, _, _, callers) in pstats.Stats(profile).stats.items():
         module = module_of(file)
@@ -120,10 +128,13 @@ def profiled(job: str, folder: Path, order: list[str]) -> dict[str, int]:
             if caller and caller.split(".")[0] in order:
                 upwards += about[0] * (order.index(caller.split(".")[0]) < rank)
     found = {f"{job}: calls": calls, f"{job}: calls of a package above": upwards}
-    for what, names in BUILDERS.items():
-        each = [times[home, name] for name in names for home in HOMES[name]]
-        found[f"{job}: {what}"] = sum(each)
-    return found | of_reads(job, reads, folder)
+    for what, functions in COUNTED.items():
+        there = [each for each in functions if is_there(each)]
+        found[f"{job}: {what}"] = sum(times[tuple(each.split(":"))] for each in there)
+        if not there:
+            found[f"{job}: {what}"] = None
+            print(f"house: {what}: by which function? Name it in {__file__}", file=sys.stderr)
+    return found | of_reads(job, reads, kinds)
 
 
 class Walked(BaseException):
@@ -156,19 +167,24 @@ def climbs_of(events: list[tuple[str, str]]) -> tuple[int, int, int]:
 def walks(job: str, folder: Path) -> dict[str, str]:
     """Follow the first calls of each walk in a job; return stays, rooms and climbs as text."""
     open_walks, done, stack = {}, {}, []
-    own = set(WALKS) - ({"diagnose"} if job == "run" else {"run"})
+    own = {
+        tuple(function.split(":")): walk
+        for walk, functions in WALKED.items()
+        for function in functions
+        if walk not in {"run", "diagnose"} - {job} and is_there(function)
+    }
 
     def enter(frame):
         module = module_of(frame.f_code.co_filename)
-        name = frame.f_code.co_name
+        walk = own.get((module, frame.f_code.co_name))
         for events in open_walks.values():
             if module:
                 callers = [each for each in stack if each]
                 events.append((module, callers[-1] if callers else ""))
         stack.append(module)
-        if module and name in own - set(open_walks) - set(done):
-            open_walks[name] = [(module, "")]
-            depths[name] = len(stack)
+        if walk and walk not in open_walks and walk not in done:
+            open_walks[walk] = [(module, "")]
+            depths[walk] = len(stack)
 
     def close(name):
         done[name] = open_walks.pop(name)
@@ -182,7 +198,7 @@ def walks(job: str, folder: Path) -> dict[str, str]:
             stack.pop()
         for name in [n for n, events in open_walks.items() if len(events) >= FIRST]:
             close(name)
-        if own <= set(done):
+        if set(own.values()) <= set(done):
             sys.setprofile(None)
             raise Walked
 

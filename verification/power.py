@@ -24,7 +24,7 @@ from scipy import fft
 from pyblast.diagnosis.case import Case, case_of
 from pyblast.diagnosis.scores import SiteScores, error_of, main_blasts, members_of
 from pyblast.diagnosis.thresholds import LEAD
-from pyblast.inference.score_test import Change
+from pyblast.inference.error_model import Change
 from pyblast.model.material import Material
 from pyblast.workflows.diagnose import prepared, read_case
 
@@ -75,8 +75,7 @@ def row(site, folder):
                 lambda name: name not in ("", None),
             ),
         }
-    test = scores.test_of([Change(effect[None])], at)
-    length = float(test(0.0 * effect[None, at]).length[0][0, 0])
+    length = float(scores.of([Change(effect[None])], at, 0.0 * effect[None]).length[0][0, 0])
     return result | {
         "by_energy_percent": rows,
         "named_at_percent": _crossing({float(k): v["right"] for k, v in rows.items()}),
@@ -212,7 +211,7 @@ def _errors(scores: SiteScores, rng):
         elif group in RANGES:
             half[n] = RANGES[group] / deviation[group]
     drawn = np.tensordot(rng.uniform(-half, half, (DRAWS, len(half))), nuisances.columns, 1)
-    return drawn + scores.error.blocks.draws(rng, DRAWS, 0.0).reshape(drawn.shape)
+    return drawn + scores.error.blocks.draws(rng, DRAWS, 0.0, 0.0, 0.0).reshape(drawn.shape)
 
 
 def main(arguments):

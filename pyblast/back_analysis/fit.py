@@ -12,18 +12,9 @@ import numpy as np
 from .. import core
 from ..errors import InputError, PyblastError, SolverError
 from ..inference.covariance import record_blocks
-from ..inference.nuisances import (
-    SOURCE,
-    UNCORRECTED,
-    UNEVEN,
-    Nuisances,
-    discretization_columns,
-    random_slopes,
-    shaped,
-    survey_columns,
-)
+from ..inference.error_model import NORMAL_95, ErrorModel, Levels, Posterior
+from ..inference.nuisances import Linearised, nuisances_of
 from ..inference.parameter import SPEED, STIFFNESS
-from ..inference.posterior import ALL_LEVELS, FEW_LEVELS, NORMAL_95, Linear, linear
 from ..inference.records import Records, band_functions
 from ..model.model import Model
 from ..project.places import on_ground
@@ -40,6 +31,15 @@ from .parameters import (
 )
 from .waveforms import Window, remaining, sampled_motion
 
+ALL_LEVELS = Levels(
+    scatter=(3e-5, 1e-4, 3e-4, 1e-3, 3e-3, 1e-2, 3e-2, 1e-1, 3e-1),
+    path=(1e-5, 1e-3, 1e-2, 1e-1),
+    coda=(1e-5, 4e-4),
+    ground=(0.5, 1.0, 2.0),
+)
+FEW_LEVELS = ALL_LEVELS._replace(  # while a search is on its way
+    scatter=(1e-4, 1e-3, 1e-2, 1e-1), coda=(1e-5,)
+)
 PROBE = 0.04  # of the shortest wavelength: how far beside a receiver its slopes are taken
 # Two programs that solve the same model agree to this, measured where neither knew a truth:
 # docs/quality/intervals.md.
@@ -273,7 +273,7 @@ class Fit:
         Those looked for, then those held.
     x : (n,) float64
         Coordinates of the last run.
-    posterior : Linear
+    posterior : Posterior
         Of all properties, then amplitude and 1/Q; coordinates less prior means.
     converged : bool
     last_step : float
@@ -293,7 +293,7 @@ class Fit:
     blasts: tuple[Project, ...]
     properties: tuple[Property, ...]
     x: np.ndarray
-    posterior: Linear
+    posterior: Posterior
     converged: bool
     last_step: float
     remaining: float
@@ -619,33 +619,21 @@ class Fitter:
 
     def _posterior(self, state, records, levels):
         """Return the posterior of all properties, linear around a state."""
-        band = records.band
+        band, runs = records.band, self.runs
+        around = Linearised(
+            state.motion, state.slopes, tuple(each.kind for each in self.properties), runs.slopes,
+            self.correction,
+        )  # fmt: skip
+        nuisances, lost = nuisances_of(
+            around, runs.blasts, runs.records.receivers, band, self.priors
+        )
+        error = ErrorModel(record_blocks(records, state.motion), nuisances, levels)
         slopes = band.project(state.slopes)
-        nuisances, lost = self._nuisances(state, band)
         residual = band.project(records.motion - state.motion)
         residual = residual + np.tensordot(state.x - self.mean, slopes, 1)
         columns = np.concatenate([slopes, band.project(state.motion)[None], lost[None]])
         own = 0.01 * self.priors.amplitude_percent, self.priors.inverse_q
-        blocks = record_blocks(records, state.motion)
-        return linear(blocks, residual, columns, np.array([*self.sigma, *own]), nuisances, levels)
-
-    def _nuisances(self, state, band) -> tuple[Nuisances, np.ndarray]:
-        """Return the nuisances around a state, and the change by attenuation."""
-        blasts, names = self.runs.blasts, self.runs.records.receivers
-        survey, lost = survey_columns(
-            state.motion, self.runs.slopes, blasts, names, band, self.priors
-        )
-        uneven = [n for n, each in enumerate(self.properties) if each.kind in UNEVEN]
-        ground = random_slopes(
-            state.slopes[uneven], [UNEVEN[self.properties[n].kind] for n in uneven], band
-        )
-        source = SOURCE * shaped(state.motion, band, range(4), (1.0, 1j))
-        mesh = UNCORRECTED * band.project(self.correction)
-        each = discretization_columns(mesh)
-        others = Nuisances(
-            np.concatenate([source, each]), ("source",) * len(source) + ("mesh",) * len(each)
-        )
-        return survey + ground + others, lost
+        return error.posterior(residual, columns, np.array([*self.sigma, *own]))
 
     def _result(self, state, posterior) -> Fit:
         """Return the fit at a state."""

@@ -4,26 +4,21 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import groupby
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from scipy.special import logsumexp
 
-from ..inference.covariance import RecordBlocks, record_blocks
+from ..inference.covariance import record_blocks
+from ..inference.error_model import Change, ErrorModel, Level, Levels, Scores, detected_strength
 from ..inference.nuisances import (
-    SOURCE,
     UNCORRECTED,
-    UNEVEN,
-    Nuisances,
-    discretization_columns,
+    Linearised,
     moving_columns,
-    random_slopes,
-    shaped,
-    survey_columns,
+    nuisances_of,
     transfer_columns,
 )
 from ..inference.parameter import STIFFNESS, kind_of_key
-from ..inference.score_test import AveragedError, Change, ScoreTest, detected_strength, draws
 from .case import Case
 from .effects import Effect, Scene, starting_effects
 from .fitting import Fit, unwhitened
@@ -32,6 +27,9 @@ from .thresholds import DRAWN_LEVEL, DRAWS, FARTHEST, IDEALISED, LEAST_SCORE, NU
 
 STEP = 0.05  # prior standard deviations, of effects that start without a change
 TOGETHER = 8  # changes that are run together
+LEVELS = Levels(
+    scatter=(5e-3, 2e-2, 8e-2, 0.3, 1.0), transfer=(2e-3, 1e-2, 5e-2, 0.3), nuisance=(1.0, 2.0)
+)
 
 
 class Trial(NamedTuple):
@@ -255,24 +253,7 @@ def _changes_by_runs(scene, tried, blasts):
     return changes
 
 
-@dataclass(frozen=True, eq=False)
-class SiteError:
-    """Error of the prediction of a site: noise, scattering, and columns with their priors.
-
-    Parameters
-    ----------
-    blocks : RecordBlocks
-    nuisances : Nuisances
-    numerical : (n_blasts, n_receivers, 3, n_functions) float64, m/s
-        What the better mesh may leave of the error of the mesh, one standard deviation.
-    """
-
-    blocks: RecordBlocks
-    nuisances: Nuisances
-    numerical: np.ndarray
-
-
-def error_of(scene: Scene, members: Sequence[Member] = ()) -> SiteError:
+def error_of(scene: Scene, members: Sequence[Member] = ()) -> ErrorModel:
     """Build the error of the prediction around the calibrated motion of a site.
 
     Parameters
@@ -289,59 +270,45 @@ def error_of(scene: Scene, members: Sequence[Member] = ()) -> SiteError:
     """
     case, baseline = scene.case, scene.baseline
     band, priors, motion = case.band, case.project.config.priors, baseline.motion
-    survey, lost = survey_columns(
-        motion, scene.surroundings.slopes(), [case.project.of(name) for name in case.blasts],
-        case.receivers, band, priors,
+    kinds = tuple(kind_of_key(parameter.name) for parameter in baseline.parameters)
+    shared, lost = nuisances_of(
+        Linearised(motion, baseline.slopes, kinds, scene.surroundings.slopes(),
+                   baseline.correction),
+        [case.project.of(name) for name in case.blasts], case.receivers, band, priors,
+        _late_holes(scene),
     )  # fmt: skip
-    survey = _with_own_firings(scene, survey)
-    kinds = [kind_of_key(parameter.name) for parameter in baseline.parameters]
-    ground = random_slopes(baseline.slopes, [UNEVEN[kind] for kind in kinds], band)
-    numerical = UNCORRECTED * band.project(baseline.correction)
     held, simulated = band.project(baseline.slopes), band.project(motion)
     stiff = [n for n, kind in enumerate(kinds) if kind == STIFFNESS]
     density = -held[stiff].sum(axis=0) - (case.project.config.signature is None) * simulated
-    parts = {
-        "calibrated": baseline.sigma[:, None, None, None, None] * held,
-        "density": [0.01 * priors.density_percent * density],
-        "amplitude": [0.01 * priors.amplitude_percent * simulated],
-        "attenuation": [priors.inverse_q * lost],
-        "source": SOURCE * shaped(motion, band, range(4), (1.0, 1j)),
-        "mesh": discretization_columns(numerical),
-    }
+    calibrated = [*(baseline.sigma[:, None, None, None, None] * held)]
     for member in members:
         if member.label == "rock_speed":
             sigma = [p.sigma for p in member.hypothesis.parameters]
             within = 0.01 * priors.speed_percent / np.array(sigma)[:, None, None, None, None]
-            parts["calibrated"] = np.concatenate(
-                [parts["calibrated"], within * member.change.shapes]
-            )
+            calibrated += [*(within * member.change.shapes)]
+    parts = {
+        "calibrated": calibrated,
+        "density": [0.01 * priors.density_percent * density],
+        "amplitude": [0.01 * priors.amplitude_percent * simulated],
+        "attenuation": [priors.inverse_q * lost],
+    }
     own = moving_columns(parts, simulated.shape)
-    every = own + survey + ground + transfer_columns(motion, band)
-    return SiteError(record_blocks(case, motion), every, numerical)
+    every = own + shared + transfer_columns(motion, band)
+    return ErrorModel(record_blocks(case, motion), every, LEVELS)
 
 
-def _with_own_firings(scene, survey):
-    """Return the columns of a survey with those of firing times by the motion of each hole."""
+def _late_holes(scene):
+    """Return the columns of firing times by the motion of each hole, by number of the blast."""
     seconds = 1e-3 * scene.case.project.config.priors.firing_ms
-    blasts = [name for name in scene.case.blasts if len(scene.holes.get(name, ())) > 1]
-    if not seconds or not blasts:
-        return survey
-    at = [scene.case.blasts.index(name) for name in blasts]
-    known = [
-        group == "firing" and bool(np.any(column[at]))
-        for group, column in zip(survey.groups, survey.columns, strict=True)
-    ]
-    rest = Nuisances(
-        survey.columns[~np.array(known)],
-        tuple(group for group, own in zip(survey.groups, known, strict=True) if not own),
-    )
     motion = scene.baseline.motion
-    late = [
-        scene.change_by_holes(name, seconds * own, np.ones(len(own)))
-        for name in blasts for own in np.eye(len(scene.holes[name]))
-    ]  # fmt: skip
-    columns = [_change(scene, motion, motion + each) for each in late]
-    return rest + moving_columns({"firing": columns}, motion.shape[:3] + survey.columns.shape[4:])
+    return {
+        b: np.array([
+            _change(scene, motion, motion + scene.change_by_holes(name, late, np.ones(len(late))))
+            for late in seconds * np.eye(len(scene.holes[name]))
+        ])
+        for b, name in enumerate(scene.case.blasts)
+        if seconds and len(scene.holes.get(name, ())) > 1
+    }  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -351,17 +318,16 @@ class SiteScores:
     Parameters
     ----------
     scene : Scene
-    error : SiteError
+    error : ErrorModel
     members : tuple of Member
     seed : int
         Of the draws.
     """
 
     scene: Scene
-    error: SiteError
+    error: ErrorModel
     members: tuple[Member, ...]
     seed: int
-    _errors: dict[tuple[int, ...], Any] = field(default_factory=dict, repr=False)
     _beside: dict[int, tuple[Fit, "SiteScores"]] = field(default_factory=dict, repr=False)
 
     def at_fit(self, fit: Fit) -> "SiteScores":
@@ -376,44 +342,36 @@ class SiteScores:
             calibrated = np.tensordot(fit.values - baseline.values, baseline.slopes, 1)
             change = fit.motion - baseline.motion - calibrated
             blocks = self.error.blocks.beside(change, self.scene.case.band, IDEALISED)
-            own = replace(self, error=replace(self.error, blocks=blocks), _errors={}, _beside={})
+            own = replace(self, error=replace(self.error, blocks=blocks), _beside={})
             self._beside.clear()  # one is large
             self._beside[id(fit)] = fit, own
         return self._beside[id(fit)][1]
 
-    def averaged(self, blasts: Sequence[int]) -> AveragedError:
-        """Return the error of the records of some blasts."""
-        key = tuple(blasts)
-        if key not in self._errors:
-            columns = self.error.nuisances.columns[:, list(key)]
-            moving = np.any(columns, axis=(1, 2, 3, 4))
-            groups = [g for g, m in zip(self.error.nuisances.groups, moving, strict=True) if m]
-            own = Nuisances(columns[moving], tuple(groups))
-            self._errors[key] = AveragedError(self.error.blocks.of(key), own)
-        return self._errors[key]
-
-    def test_of(self, changes: Sequence[Change], blasts: Sequence[int]) -> ScoreTest:
-        """Return a test of changes by the records of some blasts."""
+    def of(self, changes: Sequence[Change], blasts: Sequence[int], residuals: np.ndarray) -> Scores:
+        """Return the scores of changes by the records of some blasts, of residuals of all."""
         own = [Change(change.shapes[:, list(blasts)], change.one_sided) for change in changes]
-        return ScoreTest(self.averaged(blasts), own)
+        return self.error.of(blasts).scores(residuals[:, list(blasts)], own)
 
     @cached_property
-    def tests(self) -> dict[tuple[int, ...], tuple[ScoreTest, list[int]]]:
-        """Test of the members of each set of blasts, with their numbers."""
+    def numbers(self) -> dict[tuple[int, ...], list[int]]:
+        """Numbers of the members that are scored by each set of blasts."""
         numbers: dict[tuple[int, ...], list[int]] = {main_blasts(self.scene.case): []}
         for n, member in enumerate(self.members):
             numbers.setdefault(member.blasts, []).append(n)
+        return numbers
+
+    def of_members(self, residuals: np.ndarray) -> dict[tuple[int, ...], Scores]:
+        """Return the scores of the members of each set of blasts, in the order of `numbers`."""
         return {
-            blasts: (self.test_of([self.members[n].change for n in own], blasts), own)
-            for blasts, own in numbers.items()
+            blasts: self.of([self.members[n].change for n in own], blasts, residuals)
+            for blasts, own in self.numbers.items()
         }
 
     def log_bayes(self, residuals) -> np.ndarray:
         """Return the log Bayes factor of each member, (n_members, n_data)."""
         values = np.zeros((len(self.members), len(residuals)))
-        for blasts, (test, numbers) in self.tests.items():
-            if numbers:
-                values[numbers] = test(residuals[:, list(blasts)]).log_bayes
+        for blasts, scores in self.of_members(residuals).items():
+            values[self.numbers[blasts]] = scores.log_bayes
         return values
 
     def by_class(self, log_bayes) -> dict[str, np.ndarray]:
@@ -462,10 +420,8 @@ class SiteScores:
         slopes = unwhitened(self.scene.baseline.likelihood, fit.effect_jacobian)
         residual = self.residual(fit.motion, fit.values)
         residual = residual + np.tensordot(fit.x[len(fit.values) :], slopes, 1)
-        every = range(len(self.scene.case.blasts))
-        test = self.at_fit(fit).test_of([Change(slopes)] if len(slopes) else [], every)
-        scores = test(residual[None])
-        return float(scores.log_evidence[0] + np.sum(scores.log_bayes[:, 0]))
+        error = self.at_fit(fit).error
+        return error.posterior(residual, slopes, np.ones(len(slopes))).log_evidence
 
     def best_on_site(self, fit: Fit, label: str) -> Member | None:
         """Return the member of a label on the site that scores most beside a fit, None if none."""
@@ -478,10 +434,9 @@ class SiteScores:
 
     def start(self, member: Member, fit: Fit) -> Effect:
         """Return the effect of a member at its most probable strengths beside a fit."""
-        blasts = list(member.blasts)
-        residual = self.residual(fit.motion, fit.values)[None, blasts]
-        test = self.at_fit(fit).test_of([member.change], blasts)
-        return member.at(test(residual).strength[0][:, 0])
+        residual = self.residual(fit.motion, fit.values)[None]
+        scores = self.at_fit(fit).of([member.change], member.blasts, residual)
+        return member.at(scores.strength[0][:, 0])
 
     def best_of(self, effects: Sequence[Effect], fit: Fit) -> tuple[Effect, float] | None:
         """Return which of several effects on the site scores most beside a fit, and its score.
@@ -496,33 +451,33 @@ class SiteScores:
         ]  # fmt: skip
         if not pairs:
             return None
-        residual = self.residual(fit.motion, fit.values)[None, list(blasts)]
-        scores = self.at_fit(fit).test_of([change for _, change in pairs], blasts)(residual)
+        residual = self.residual(fit.motion, fit.values)[None]
+        scores = self.at_fit(fit).of([change for _, change in pairs], blasts, residual)
         best = int(np.argmax(scores.log_bayes[:, 0]))
         return pairs[best][0], float(scores.log_bayes[best, 0])
 
     @cached_property
-    def at(self) -> tuple[float, float, float]:
-        """Most probable levels of the error: scatter, transfer, factor on nuisances."""
-        main = main_blasts(self.scene.case)
-        test, _ = self.tests[main]
-        weight = test(self.prior[None, list(main)]).weight[:, 0]
-        return test.error.grid[int(np.argmax(weight))].at
+    def at_prior(self) -> dict[tuple[int, ...], Scores]:
+        """Scores of the members of each set of blasts around the calibrated site."""
+        return self.of_members(self.prior[None])
+
+    @property
+    def at(self) -> Level:
+        """Most probable level of the error."""
+        return self.at_prior[main_blasts(self.scene.case)].at
 
     @cached_property
     def thresholds(self) -> dict[str, float]:
         """Least log Bayes factor of a class, by what asks for it."""
-        rng, error = np.random.default_rng(self.seed), self.error
-        drawn = draws(rng, error.blocks, error.nuisances, self.at, DRAWS)
-        largest = np.max([*self.by_class(self.log_bayes(drawn)).values()], axis=0, initial=-np.inf)
-        both = np.stack([error.numerical, -error.numerical])
-        numerical = max(
-            (float(v.max()) for v in self.by_class(self.log_bayes(both)).values()), default=-np.inf
-        )
+        drawn = self.error.draws(np.random.default_rng(self.seed), DRAWS, self.at)
+        mesh = UNCORRECTED * self.scene.case.band.project(self.scene.baseline.correction)
+        by_class = self.by_class(self.log_bayes(np.concatenate([drawn, [mesh, -mesh]])))
+        each = np.array([*by_class.values()]).reshape(-1, DRAWS + 2)
+        largest = each.max(axis=0, initial=-np.finfo(float).max)
         return {
             "least": LEAST_SCORE,
-            "draws": float(np.quantile(largest, DRAWN_LEVEL)),
-            "numerical": numerical + NUMERICAL,
+            "draws": float(np.quantile(largest[:DRAWS], DRAWN_LEVEL)),
+            "numerical": float(largest[DRAWS:].max()) + NUMERICAL,
         }
 
     @property
@@ -579,9 +534,9 @@ def detection_limits(scores: SiteScores, labels: Sequence[str] = ()) -> list[dic
 def _lengths(scores):
     """Return each member with the information on its strengths."""
     pairs = []
-    for blasts, (test, numbers) in scores.tests.items():
-        own = test(scores.prior[None, list(blasts)]).length
-        pairs += [(scores.members[n], length) for n, length in zip(numbers, own, strict=True)]
+    for blasts, own in scores.at_prior.items():
+        numbers = scores.numbers[blasts]
+        pairs += [(scores.members[n], each) for n, each in zip(numbers, own.length, strict=True)]
     return pairs
 
 

@@ -184,7 +184,11 @@ def _evidence(search, decision):
         "scores": _one_digit(search.classes()),
         "error_levels": {}
         if scores is None
-        else dict(zip(("scatter", "transfer", "nuisances"), scores.at, strict=True)),
+        else {
+            "scatter": scores.at.scatter,
+            "transfer": scores.at.transfer,
+            "nuisances": scores.at.nuisance,
+        },
         "explained_share": round(decision.explained_share, 3),
         "ranking": _ranking(search),
         "probability": decision.probability,

@@ -290,9 +290,9 @@ class RecordBlocks:
             noise[..., each, each] += share * errors[:, :, c]
         return replace(self, noise=noise)
 
-    def draws(self, rng: np.random.Generator, n: int, scatter: float) -> np.ndarray:
-        """Draw errors of noise and scattering (n, n_blasts, n_receivers, 3 n_functions), m/s."""
-        roots = np.linalg.cholesky(self._total(scatter, 0.0, 0.0))
+    def draws(self, rng: np.random.Generator, n: int, *shares: float) -> np.ndarray:
+        """Draw errors (n, n_blasts, n_receivers, 3 n_functions), m/s, at levels as of `whiten`."""
+        roots = np.linalg.cholesky(self._total(*shares))
         return _each(roots, rng.standard_normal((n, *roots.shape[:3])))
 
     def _total(self, scatter, path, coda):

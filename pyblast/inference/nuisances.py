@@ -16,6 +16,7 @@ from .records import Band
 # blast at four cosines over log frequency; of ground between receivers, and frequencies.
 UNCORRECTED, SOURCE = 0.3, 0.01
 UNEVEN = {SPEED: 0.003, STIFFNESS: 0.05}
+GROUND, TRANSFER = "ground", "transfer"  # groups with levels of their own
 N_MODES = 3
 N_TRANSFER = 6
 
@@ -244,7 +245,13 @@ class Firings:
 WATER = 1e-3  # of the spectrum of all holes in phase, below which a share is not divided out
 
 
-def hole_columns(motion, firings: Sequence[Firings | None], band: Band, deviation: float):
+def hole_columns(
+    motion,
+    firings: Sequence[Firings | None],
+    band: Band,
+    deviation: float,
+    known: Mapping[int, np.ndarray] | None = None,
+):
     """Build the columns of firing times, and the change of all motion by attenuation.
 
     Parameters
@@ -255,6 +262,8 @@ def hole_columns(motion, firings: Sequence[Firings | None], band: Band, deviatio
     band : Band
     deviation : float, s
         Prior standard deviation of a firing time.
+    known : mapping of int to (n_holes, n_blasts, n_receivers, 3, n_functions) float64, optional
+        Columns of blasts of which the motion of each hole is known.
 
     Returns
     -------
@@ -276,12 +285,13 @@ def hole_columns(motion, firings: Sequence[Firings | None], band: Band, deviatio
     slow = np.log(np.maximum(omega, 1e-9) / middle)
     loss = -0.5 * omega * (1.0 - 2j / np.pi * slow)
     times = band.dt * np.arange(n)
-    lost, columns = np.zeros(motion.shape), []
+    lost, columns, known = np.zeros(motion.shape), [], known or {}
     for b, (blast, fired) in enumerate(zip(motion, firings, strict=True)):
+        columns += [*known.get(b, ())]
         for start, part in hole_parts(blast, fired, omega, size):
             since = np.maximum(times - start, 0.0)
             lost[b] += since * fft.irfft(part * loss, size, axis=-1)[..., :n]
-            if fired is not None and len(fired.times) > 1:
+            if b not in known and fired is not None and len(fired.times) > 1:
                 moved = np.zeros(motion.shape)
                 moved[b] = fft.irfft(part * (-1j * omega), size, axis=-1)[..., :n]
                 columns.append(deviation * band.project(moved))
@@ -366,7 +376,7 @@ def random_slopes(slopes, deviations, band: Band) -> Nuisances:
     for slope, held, deviation in zip(slopes, projected, deviations, strict=True):
         columns += [deviation * _only(held, np.s_[:, r]) for r in range(held.shape[1])]
         columns += [*(deviation * shaped(slope, band, (1, 2, 3)))]
-    return moving_columns({"ground": columns}, projected.shape[1:])
+    return moving_columns({GROUND: columns}, projected.shape[1:])
 
 
 def transfer_columns(motion, band: Band, n_modes: int = N_TRANSFER) -> Nuisances:
@@ -393,29 +403,78 @@ def transfer_columns(motion, band: Band, n_modes: int = N_TRANSFER) -> Nuisances
         for part, factor in zip(parts, scale, strict=True)
         for r, c in np.ndindex(energy.shape)
     ]
-    return moving_columns({"transfer": columns}, parts.shape[1:])
+    return moving_columns({TRANSFER: columns}, parts.shape[1:])
 
 
-def survey_columns(
-    motion, moved, blasts: Sequence[Project], receivers: Sequence[str], band, priors: PriorsConfig
-) -> tuple[Nuisances, np.ndarray]:
-    """Return the nuisances of trigger, clocks, places and firings, and the change by attenuation.
+@dataclass(frozen=True, eq=False)
+class Linearised:
+    """Prediction around a state: motion, its derivatives, and the error of the mesh.
 
     Parameters
     ----------
     motion : (n_blasts, n_receivers, 3, n_samples) float64, m/s
+    slopes : (n, n_blasts, n_receivers, 3, n_samples) float64
+        Derivatives by properties of the ground.
+    kinds : tuple of n str
+        See `kind_of_key`.
     moved : (2, n_blasts, n_receivers, 3, n_samples) float64, 1/s
         Change of the motion by a move of its receiver to the east and to the north.
+    correction : (n_blasts, n_receivers, 3, n_samples) float64, m/s
+        By the better mesh, included in the motion.
+    """
+
+    motion: np.ndarray
+    slopes: np.ndarray
+    kinds: tuple[str, ...]
+    moved: np.ndarray
+    correction: np.ndarray
+
+
+def nuisances_of(
+    around: Linearised,
+    blasts: Sequence[Project],
+    receivers: Sequence[str],
+    band: Band,
+    priors: PriorsConfig,
+    by_hole: Mapping[int, np.ndarray] | None = None,
+) -> tuple[Nuisances, np.ndarray]:
+    """Return the nuisances of a prediction, and its change by attenuation.
+
+    Parameters
+    ----------
+    around : Linearised
     blasts : sequence of Project
     receivers : sequence of str
     band : Band
     priors : PriorsConfig
+    by_hole : mapping of int to (n_holes, n_blasts, n_receivers, 3, n_functions) float64, optional
+        Columns of firing times, as of `hole_columns`.
+
+    Returns
+    -------
+    Nuisances
+        Of what a source sends, what the better mesh leaves, trigger, clocks, places of receivers,
+        firing times, and ground that differs between receivers and frequencies.
+    (n_blasts, n_receivers, 3, n_functions) float64
+        By a unit of 1/Q.
+
+    Notes
+    -----
+    theory.md (12.5), (12.6).
     """
+    motion = around.motion
+    parts = {
+        "source": SOURCE * shaped(motion, band, range(4), (1.0, 1j)),
+        "mesh": discretization_columns(UNCORRECTED * band.project(around.correction)),
+    }
+    own = moving_columns(parts, parts["source"].shape[1:])
     seconds = {"trigger": 1e-3 * priors.trigger_ms, "clock": 1e-3 * priors.clock_ms}
-    shifts = shift_columns(motion, moved, band, {**seconds, "receiver": priors.receiver_m})
+    survey = shift_columns(motion, around.moved, band, {**seconds, "receiver": priors.receiver_m})
     firings = [firings_of(blast, receivers) for blast in blasts]
-    holes, lost = hole_columns(motion, firings, band, 1e-3 * priors.firing_ms)
-    return shifts + holes, lost
+    holes, lost = hole_columns(motion, firings, band, 1e-3 * priors.firing_ms, by_hole)
+    uneven = [n for n, kind in enumerate(around.kinds) if kind in UNEVEN]
+    deviations = [UNEVEN[around.kinds[n]] for n in uneven]
+    return own + survey + holes + random_slopes(around.slopes[uneven], deviations, band), lost
 
 
 def firings_of(blast: Project, receivers: Sequence[str]) -> Firings | None:

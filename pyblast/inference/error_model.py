@@ -1,0 +1,379 @@
+"""Error model of predicted records: posterior of properties, scores of changes, draws."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import pairwise, product
+from typing import NamedTuple
+
+import numpy as np
+from scipy import linalg
+from scipy.special import log_ndtr, logsumexp
+
+from .covariance import RecordBlocks
+from .nuisances import GROUND, TRANSFER, Nuisances
+
+NORMAL_90, NORMAL_95 = 1.2815515655446004, 1.6448536269514722  # quantiles
+TINY = 1e-12  # of the information on a change that nuisances explain
+
+
+class Level(NamedTuple):
+    """Level of model error.
+
+    Parameters
+    ----------
+    scatter, path, coda, transfer : float
+        Shares of the energy of each channel: scattered motion, a smooth transfer error of each
+        record, scattering that dies out slowly, and a transfer error that all blasts share.
+    ground, nuisance : float
+        Factors on the prior standard deviations of columns of ground, and of all others and these.
+    """
+
+    scatter: float
+    path: float = 0.0
+    coda: float = 0.0
+    transfer: float = 0.0
+    ground: float = 1.0
+    nuisance: float = 1.0
+
+    def scale(self, groups: Sequence[str]) -> np.ndarray:
+        """Return the factor on the columns of groups, (n_columns,)."""
+        own = {TRANSFER: np.sqrt(self.transfer), GROUND: self.ground * self.nuisance}
+        return np.array([own.get(group, self.nuisance) for group in groups])
+
+
+class Levels(NamedTuple):
+    """Grid of levels of model error, all with one prior weight; see `Level`."""
+
+    scatter: tuple[float, ...]
+    path: tuple[float, ...] = (0.0,)
+    coda: tuple[float, ...] = (0.0,)
+    transfer: tuple[float, ...] = (0.0,)
+    ground: tuple[float, ...] = (1.0,)
+    nuisance: tuple[float, ...] = (1.0,)
+
+
+@dataclass(frozen=True, eq=False)
+class Posterior:
+    """Gaussian posterior of properties under levels of model error that are averaged.
+
+    Parameters
+    ----------
+    mean : (n,) float64
+    covariance : (n, n) float64
+        The spread of the mean over the levels is included.
+    prior : (n,) float64
+        Standard deviations around zero.
+    level : float
+        Learned model error: share of the energy that scatter, path, coda and transfer errors take
+        together.
+    log_evidence : float
+        Averaged over the levels, up to a constant of the records.
+    nuisances : dict of str to float
+        Root mean square of the most probable nuisances of each group, in prior deviations.
+    remaining : (n_blasts, n_receivers) float64
+        Share of the energy of each record, above its noise, that remains with all properties and
+        nuisances where they are most probable.
+    """
+
+    mean: np.ndarray
+    covariance: np.ndarray
+    prior: np.ndarray
+    level: float
+    log_evidence: float
+    nuisances: dict[str, float]
+    remaining: np.ndarray
+
+    @property
+    def deviation(self) -> np.ndarray:
+        """Posterior standard deviations, (n,)."""
+        return np.sqrt(np.diag(self.covariance))
+
+    @property
+    def pulls(self) -> np.ndarray:
+        """Means in prior standard deviations, (n,)."""
+        return np.divide(self.mean, self.prior, out=np.zeros_like(self.mean), where=self.prior > 0)
+
+    def shares_of_variance(self, sought, held) -> np.ndarray:
+        """Return the share of each variance that would vanish if a held property were known.
+
+        Parameters
+        ----------
+        sought, held : sequence of int
+
+        Returns
+        -------
+        (n_sought, n_held) float64
+            Squared posterior correlations; theory.md (12.7).
+        """
+        variance = np.maximum(np.diag(self.covariance), np.finfo(float).tiny)
+        part = self.covariance[np.ix_(sought, held)]
+        return part**2 / np.outer(variance[list(sought)], variance[list(held)])
+
+    def shifts_if_held(self, sought, held) -> np.ndarray:
+        """Return how far values move if a held property is wrong by its prior deviation.
+
+        It is then taken for known, as all others held are.
+
+        Returns
+        -------
+        (n_sought, n_held) float64
+            Theory.md (12.8).
+        """
+        used = np.flatnonzero(self.prior > 0.0)
+        precision = np.zeros_like(self.covariance)
+        precision[np.ix_(used, used)] = linalg.inv(self.covariance[np.ix_(used, used)])
+        inner, outer = precision[np.ix_(sought, sought)], precision[np.ix_(sought, held)]
+        return -linalg.solve(inner, outer, assume_a="pos") * self.prior[held]
+
+
+class Change(NamedTuple):
+    """Change of motion by an effect of a strength that has a normal prior.
+
+    Parameters
+    ----------
+    shapes : (n, n_blasts, n_receivers, 3, n_functions) float64, m/s
+        In the band: for each parameter, the change by one standard deviation of its strength.
+    one_sided : bool
+        Whether the strength is positive; for a single shape.
+    """
+
+    shapes: np.ndarray
+    one_sided: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class Scores:
+    """Scores of n_data residuals.
+
+    Parameters
+    ----------
+    log_evidence : (n_data,) float64
+        Without an effect, up to a constant of the records.
+    log_bayes : (n_changes, n_data) float64
+        Log Bayes factor of each change over none.
+    strength : list of (n_shapes, n_data) float64
+        Posterior mean of the strengths of each change, in standard deviations of their priors.
+    length : list of (n_shapes, n_shapes) float64
+        Information on the strengths of each change, at the most probable level of the first
+        residual; the square of d' for one shape.
+    at : Level
+        The most probable one of the first residual.
+    """
+
+    log_evidence: np.ndarray
+    log_bayes: np.ndarray
+    strength: list[np.ndarray]
+    length: list[np.ndarray]
+    at: Level
+
+
+class _Eliminated(NamedTuple):
+    """Products of rows at a level whose columns are eliminated.
+
+    ``products`` (n_rows, n_rows) are those by the inverse of the whole covariance,
+    ``log_determinant`` is that of the latter. ``root`` (n_columns, n_columns) is the Cholesky
+    factor of the columns with their priors, ``across`` (n_columns, n_rows) the products of columns
+    and rows after its inverse.
+    """
+
+    at: Level
+    log_determinant: float
+    products: np.ndarray
+    root: np.ndarray
+    across: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class ErrorModel:
+    """Error of a prediction: Gaussian records, nuisance columns, levels that are averaged.
+
+    Parameters
+    ----------
+    blocks : RecordBlocks
+        Covariance of the errors of each record, by levels.
+    nuisances : Nuisances
+        Columns of one prior standard deviation each; of group ``transfer`` at a level of one.
+    levels : Levels
+
+    Notes
+    -----
+    ``C = N + f S + p T + q K + J J^T``: theory.md (12.5), (14.10). Everything is linear: what is
+    asked for is a row, and one elimination of the columns at each level answers for all rows.
+    """
+
+    blocks: RecordBlocks
+    nuisances: Nuisances
+    levels: Levels
+
+    def of(self, blasts: Sequence[int]) -> "ErrorModel":
+        """Return the error of the records of some blasts."""
+        columns = self.nuisances.columns[:, list(blasts)]
+        moving = np.any(columns, axis=(1, 2, 3, 4))
+        groups = [g for g, moves in zip(self.nuisances.groups, moving, strict=True) if moves]
+        own = Nuisances(columns[moving], tuple(groups))
+        return ErrorModel(self.blocks.of(blasts), own, self.levels)
+
+    def posterior(self, residual: np.ndarray, slopes: np.ndarray, prior: np.ndarray) -> Posterior:
+        """Return the posterior of properties on which motion depends linearly.
+
+        Parameters
+        ----------
+        residual : (n_blasts, n_receivers, 3, n_functions) float64
+            Records less prediction where all properties have their prior mean.
+        slopes : (n, n_blasts, n_receivers, 3, n_functions) float64
+            Derivatives by the properties.
+        prior : (n,) float64
+            Standard deviations of the properties; zero where one is known.
+
+        Notes
+        -----
+        theory.md (12.5): the levels of the errors have equal prior weights on a grid, and
+        posterior means and covariances are averaged by their evidence.
+        """
+        n, own = len(prior), slopes * prior[:, None, None, None, None]
+        results = []
+        for part in self._eliminated(np.concatenate([own, residual[None]])):
+            information, along = part.products[:n, :n], part.products[:n, n:]
+            (gain,), mean = _log_bayes(information, along)
+            evidence = gain - 0.5 * (part.products[n, n] + part.log_determinant)
+            nuisances = linalg.solve_triangular(
+                part.root, part.across[:, n] - part.across[:, :n] @ mean[:, 0], lower=True, trans=1,
+                check_finite=False,
+            )  # fmt: skip
+            each = np.linalg.inv(np.eye(n) + information)
+            results.append((evidence, mean[:, 0], each, nuisances, part.at))
+        evidences, means, covariances, nuisances, at = zip(*results, strict=True)
+        weight = np.exp(np.array(evidences) - logsumexp(evidences))
+        best = int(np.argmax(weight))
+        mean = weight @ np.array(means)
+        spread = np.array(means) - mean
+        covariance = np.tensordot(weight, covariances, 1)
+        covariance = covariance + np.einsum("l,li,lj->ij", weight, spread, spread)
+        groups = self.nuisances.groups
+        moved = np.tensordot(nuisances[best] * at[best].scale(groups), self.nuisances.columns, 1)
+        shares = [np.sum(level[:4]) for level in at]
+        return Posterior(
+            mean * prior, covariance * np.outer(prior, prior), prior,
+            float(np.exp(weight @ np.log(shares))),
+            float(logsumexp(evidences) - np.log(len(evidences))),
+            _root_mean_squares(nuisances[best], groups),
+            self.blocks.above_noise(residual - moved - np.tensordot(means[best], own, 1)),
+        )  # fmt: skip
+
+    def scores(self, residuals: np.ndarray, changes: Sequence[Change] = ()) -> Scores:
+        """Return the scores of changes of motion; theory.md (14.11).
+
+        Parameters
+        ----------
+        residuals : (n_data, n_blasts, n_receivers, 3, n_functions) float64, m/s
+        changes : sequence of n_changes Change
+        """
+        rows = np.concatenate([*(change.shapes for change in changes), residuals])
+        ends = np.cumsum([0, *(len(change.shapes) for change in changes)])
+        pairs, n = list(pairwise(ends)), ends[-1]
+        evidence, bayes, means, lengths, at = [], [], [], [], []
+        for part in self._eliminated(rows):
+            square = np.diag(part.products)[n:]
+            evidence.append(-0.5 * (square + part.log_determinant))
+            each = [
+                _log_bayes(part.products[a:b, a:b], part.products[a:b, n:], change.one_sided)
+                for change, (a, b) in zip(changes, pairs, strict=True)
+            ]
+            bayes.append([value for value, _ in each])
+            means.append([mean for _, mean in each])
+            lengths.append([part.products[a:b, a:b] for a, b in pairs])
+            at.append(part.at)
+        evidence = np.array(evidence)
+        bayes = np.array(bayes).reshape(len(at), len(changes), len(residuals))
+        total = logsumexp(evidence, axis=0)
+        joint = evidence[:, None] + bayes
+        with_change = logsumexp(joint, axis=0)
+        weight = np.exp(joint - with_change)
+        strength = [
+            np.einsum("ln,lsn->sn", weight[:, k], [own[k] for own in means])
+            for k in range(len(changes))
+        ]
+        best = int(np.argmax(evidence[:, 0]))
+        return Scores(
+            total - np.log(len(at)), with_change - total, strength, lengths[best], at[best]
+        )
+
+    def draws(self, rng: np.random.Generator, n: int, at: Level) -> np.ndarray:
+        """Draw residuals without an effect at a level.
+
+        Returns
+        -------
+        (n, n_blasts, n_receivers, 3, n_functions) float64, m/s
+        """
+        scale = at.scale(self.nuisances.groups)
+        moved = np.tensordot(
+            rng.standard_normal((n, len(scale))) * scale, self.nuisances.columns, 1
+        )
+        return moved + self.blocks.draws(rng, n, *at[:3]).reshape(moved.shape)
+
+    def _eliminated(self, rows) -> Iterator[_Eliminated]:
+        """Yield the products of rows (n_rows, ...) at each level."""
+        groups, n = self.nuisances.groups, len(self.nuisances.groups)
+        rows = np.concatenate([self.nuisances.columns, rows])
+        rows = rows.reshape(len(rows), *self.blocks.noise.shape[:3])
+        factors = list(product(
+            self.levels.transfer if TRANSFER in groups else (0.0,),
+            self.levels.ground if GROUND in groups else (1.0,),
+            self.levels.nuisance,
+        ))  # fmt: skip
+        for shares in product(*self.levels[:3]):
+            white, log_determinant = self.blocks.whiten(rows, *shares)
+            white = white.reshape(len(rows), -1)
+            gram = white @ white.T
+            for each in factors:
+                at = Level(*shares, *each)
+                scale = at.scale(groups)
+                inner = gram[:n, :n] * np.outer(scale, scale) + np.eye(n)
+                root = linalg.cholesky(inner, lower=True, check_finite=False)
+                across = linalg.solve_triangular(
+                    root, gram[:n, n:] * scale[:, None], lower=True, check_finite=False
+                )
+                grown = 2.0 * np.sum(np.log(np.diag(root)))
+                products = gram[n:, n:] - across.T @ across
+                yield _Eliminated(at, log_determinant + grown, products, root, across)
+
+
+def _log_bayes(information, scores, one_sided=False):
+    """Return the log Bayes factor (n,) of strengths with a unit normal prior, and their means."""
+    inner = np.eye(len(information)) + information
+    mean = np.linalg.solve(inner, scores)
+    value = 0.5 * (np.sum(scores * mean, axis=0) - np.linalg.slogdet(inner)[1])
+    if one_sided:
+        deviation = np.sqrt(1.0 / inner[0, 0])
+        value = value + np.log(2.0) + log_ndtr(mean[0] / deviation)
+    return value, mean
+
+
+def _root_mean_squares(scores, groups):
+    """Return the root mean square of the scores of each group."""
+    names = dict.fromkeys(groups)
+    each = {name: [s for s, g in zip(scores, groups, strict=True) if g == name] for name in names}
+    return {name: float(np.sqrt(np.mean(np.square(part)))) for name, part in each.items()}
+
+
+def detected_strength(length: float, threshold: float, power: float = NORMAL_90) -> float:
+    """Return the strength at which a change exceeds a threshold in nine of ten cases.
+
+    Parameters
+    ----------
+    length : float
+        Square of d', the information on its strength.
+    threshold : float
+        Log Bayes factor.
+    power : float
+        Standard normal quantile of the share of cases; 1.28 for nine of ten.
+
+    Notes
+    -----
+    theory.md (14.12): the score is the strength times its length in the mean, with that variance.
+    """
+    if length < TINY:
+        return np.inf
+    wanted = threshold + 0.5 * np.log1p(length) - np.log(2.0)
+    least = np.sqrt(2.0 * max(wanted, 0.0) * (1.0 + length))
+    return float((least + power * np.sqrt(length)) / length)
