@@ -14,7 +14,7 @@ from pyblast.mesh.gmsh import MeshingError
 from pyblast.mesh.hexahedral import swept
 from pyblast.mesh.mesh import locate_in_zones
 from pyblast.mesh.quality import explicit_work
-from pyblast.project import elements
+from pyblast.simulation import recipe
 from pyblast.project.checks import check
 from pyblast.project.places import on_ground
 from pyblast.project.project import make_project
@@ -226,8 +226,8 @@ def test_a_candidate_that_fails_makes_room_for_the_next(ground, monkeypatch):
     def failing(*_):
         raise MeshingError("gmsh could not mesh the section")
 
-    monkeypatch.setitem(elements.BUILDERS, "between the planes", failing)
-    monkeypatch.setitem(elements.BUILDERS, "swept along one direction", pierced)
+    monkeypatch.setitem(recipe.BUILDERS, "between the planes", failing)
+    monkeypatch.setitem(recipe.BUILDERS, "swept along one direction", pierced)
     built = ground(**parts | {"receiver": (21, 43, 8)}).meshed
 
     assert "of tetrahedra cut" in built.reason
