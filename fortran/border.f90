@@ -4,7 +4,7 @@ module pyblast_border
     !! f2py reads this file, and no routine of it may have a derived type among its arguments. Each
     !! routine associates its arrays with the components of the types and calls a routine of the
     !! same task. Arguments are explained at the components in `pyblast_model_types`.
-    use omp_lib, only : omp_get_max_threads
+    use omp_lib, only : omp_get_max_threads, omp_set_num_threads
     use pyblast_kinds, only : dp, hex_width, n_energies, n_joint_properties, n_joint_state, n_sums, &
         n_zone_properties, n_zone_state
     use pyblast_batch, only : n_batch
@@ -24,7 +24,7 @@ module pyblast_border
     private
     public :: advance, stored_at_rest
     public :: load_forces, reaction_forces, update_memory, viscous_forces, zone_forces
-    public :: n_threads
+    public :: n_threads, use_threads
 
 contains
 
@@ -363,6 +363,13 @@ contains
         nodes = nodal_state(displacement=displacement, velocity=velocity, memory=memory)
         call follow(memory_rate, dt, nodes)
     end subroutine update_memory
+
+    subroutine use_threads(count)
+        !! Let runs from this thread take so many threads.
+        integer, intent(in) :: count
+
+        call omp_set_num_threads(count)
+    end subroutine use_threads
 
     integer function n_threads()
         !! Number of threads that a run from this thread takes.

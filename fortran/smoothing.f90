@@ -29,6 +29,7 @@ contains
         real(dp), intent(in) :: projector(3, 3, n_movable)        !! on motions that are allowed
         integer, intent(in) :: zone_start(n_movable + 1), own_zone(n_own)   !! around each of them
         real(dp), intent(inout) :: position(3, n_nodes)           !! [m]
+        !f2py threadsafe
         logical :: waiting(n_nodes), moves
         integer :: sweep, k, z, moved
 

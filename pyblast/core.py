@@ -5,6 +5,7 @@ import logging
 import os
 import subprocess
 import sys
+import time
 import tomllib
 from functools import cache
 from importlib import resources
@@ -40,6 +41,7 @@ HEX_WIDTH = {  # hexahedra side by side in memory, by single precision
     False: int(_core.pyblast_kinds.hex_width),
     True: 8,
 }
+PIECE_SECONDS = 0.3  # wall time of the longest piece of a call that can't be interrupted
 LEAST_SHARED = int(_core.pyblast_kinds.least_shared)  # nodes from which threads share a time step
 # Lengths that Fortran sets, by the names that stand in arrays.toml.
 SIZES = {
@@ -175,6 +177,17 @@ def n_threads():
     return int(_core.pyblast_border.n_threads())
 
 
+def _one_thread():
+    """Take one thread in a process that was forked: the threads of its parent are not in it."""
+    _core.pyblast_border.use_threads(1)
+
+
+os.register_at_fork(after_in_child=_one_thread)
+if n_threads() > 8 * (os.cpu_count() or 1):
+    log.warning("takes %d threads, one for each processor", os.cpu_count())
+    _core.pyblast_border.use_threads(os.cpu_count())
+
+
 def stored_at_rest(constants, state):
     """Return the initial energy of the contacts, (n_contacts,) J/m2."""
     names = ("contact_normal", "contact_joint", "joint_law", "joint_property", "contact_initial")
@@ -292,21 +305,32 @@ def advance_batch(constants, state, first_step, n_steps, ledger_every):
 
 
 def _integrate(core, constants, state, first_step, n_steps, ledger_every):
-    """Integrate in one of the cores; as `advance_batch`."""
+    """Integrate in one of the cores, in pieces between which a signal is obeyed.
+
+    As `advance_batch`. Pieces end with rounds of the energy balance, where they change no bit.
+    """
     n_batch = int(core.pyblast_batch.n_batch)
-    last = first_step + n_steps
+    last, real = first_step + n_steps, state["velocity"].dtype
     n_lines = -(-last // ledger_every) - -(-first_step // ledger_every)
-    real = state["velocity"].dtype
     motion = np.zeros((n_steps, constants["receiver_node"].shape[1], 3, n_batch), real)
     energy = np.zeros((n_lines, n_batch, len(ENERGIES)), real)
-    info, node, member = core.pyblast_border.advance(
-        first_step=first_step,
-        ledger_every=ledger_every,
-        motion=motion.T,
-        energy=energy.T,
-        **constants,
-        **{name: state[name] for name in STATE},
-    )
-    motion = motion[: abs(info)].astype(np.float64, copy=False)
+    done, line, rounds, info, node, member = 0, 0, 1, 0, 0, 0
+    while done < n_steps and info >= 0:
+        step = first_step + done
+        end = min(last, (step // ledger_every + rounds) * ledger_every)
+        lines = -(-end // ledger_every) - -(-step // ledger_every)
+        began = time.perf_counter()
+        info, node, member = core.pyblast_border.advance(
+            first_step=step,
+            ledger_every=ledger_every,
+            motion=motion[done : done + end - step].T,
+            energy=energy[line : line + lines].T,
+            **constants,
+            **{name: state[name] for name in STATE},
+        )
+        done, line = done + abs(info), line + lines
+        took = max(time.perf_counter() - began, 1e-4)
+        rounds = max(1, min(4 * rounds, int(rounds * PIECE_SECONDS / took)))
+    motion = motion[:done].astype(np.float64, copy=False)
     energy = energy.astype(np.float64, copy=False)
     return motion, energy, (node - 1, member - 1) if info < 0 else None

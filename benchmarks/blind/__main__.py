@@ -15,13 +15,13 @@ import argparse
 import json
 import os
 import sys
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures import as_completed
 from functools import partial
-from multiprocessing import get_context
 from pathlib import Path
 
 from pyblast.errors import InputError
 from pyblast.project.result import write_text
+from pyblast.runs.parallel import Processes
 
 from . import scores as scoring
 from .drawing import draw
@@ -116,7 +116,7 @@ def _side_by_side(job, items, workers):
             yield item, job(item)
         return
     os.environ.setdefault("OMP_NUM_THREADS", "1")
-    with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
+    with Processes(workers) as pool:
         waiting = {pool.submit(job, item): item for item in items}
         try:
             for done in as_completed(waiting):

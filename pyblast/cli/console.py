@@ -4,15 +4,18 @@ Modules that take long to load are imported where they are used.
 """
 
 import codecs
+import errno
 import io
 import math
+import os
 import signal
 import sys
 import time
 import unicodedata
 from collections.abc import Iterable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
+from threading import Event, Thread
 from typing import TYPE_CHECKING
 
 from rich.console import Console
@@ -60,8 +63,31 @@ ASCII = {
     "ł": "l", "Ł": "L", "ø": "o", "Ø": "O", "ı": "i",
 }  # fmt: skip
 WIDE = None if sys.stdout.isatty() else 120  # columns of a log
-_out = Console(highlight=False, soft_wrap=True, width=WIDE)
-_err = Console(highlight=False, soft_wrap=True, stderr=True)
+PATIENCE = 1.5  # seconds that a signal may wait for code that is not Python
+
+
+class _Patient(Console):
+    """Console whose reader may leave, or whose disk may be full: the command goes on without it."""
+
+    lost = False  # what it could not write, though somebody wanted it
+
+    def print(self, *objects, **options) -> None:
+        """Print, or say once that this is no longer possible."""
+        try:
+            super().print(*objects, **options)
+        except OSError as error:
+            self.quiet, self.lost = True, error.errno != errno.EPIPE
+            os.dup2(os.open(os.devnull, os.O_WRONLY), self.file.fileno())
+            if self is _out:
+                complain(f"the output can't be written ({error.strerror}); goes on without it")
+
+    def on_broken_pipe(self) -> None:
+        """Do not end, as consoles of rich do."""
+        raise
+
+
+_out = _Patient(highlight=False, soft_wrap=True, width=WIDE)
+_err = _Patient(highlight=False, soft_wrap=True, stderr=True)
 
 
 def _spelt(error: UnicodeError) -> tuple[str, int]:
@@ -95,28 +121,65 @@ def complain(text: object) -> None:
 @contextmanager
 def exit_codes() -> Iterator[None]:
     """Turn every error into one sentence and its exit code; SIGTERM counts as Ctrl-C."""
-    before = None
-    with suppress(ValueError):  # outside of the main thread, which alone receives signals
-        before = signal.signal(signal.SIGTERM, _interrupt)
     try:
-        yield
+        with _signals():
+            yield
     except SolverError as error:
         complain(error)
         raise Exit(SOLVER_FAILED) from None
     except PyblastError as error:
         complain(error)
         raise Exit(WRONG_INPUT) from None
+    except MemoryError:
+        complain("the memory does not suffice; a coarser mesh or fewer workers need less")
+        raise Exit(WRONG_INPUT) from None
+    except (OSError, UnicodeEncodeError) as error:
+        file, reason = getattr(error, "filename", None), getattr(error, "strerror", None)
+        complain(f"{file or 'a file'}: {reason or error}")
+        raise Exit(WRONG_INPUT) from None
     except KeyboardInterrupt as stop:
         complain(f"interrupted; {stop}" if stop.args else "interrupted")
         raise Exit(INTERRUPTED) from None
+    if _out.lost:
+        raise Exit(WRONG_INPUT)
+
+
+@contextmanager
+def _signals() -> Iterator[None]:
+    """Let SIGINT and SIGTERM interrupt, also where a shell ignores them, in at most two seconds.
+
+    Python obeys them when code in C or Fortran returns to it; where that takes long, the process
+    ends at once: only time steps have more to store than what is stored already, and they return.
+    """
+    obeyed = Event()
+
+    def interrupt(_number: int, _frame: object) -> None:
+        obeyed.set()
+        raise KeyboardInterrupt
+
+    def end_if_deaf() -> None:
+        with os.fdopen(reader, "rb", buffering=0) as numbers:
+            while number := numbers.read(1):
+                if number[0] in before and not obeyed.wait(PATIENCE):
+                    complain("interrupted")
+                    os._exit(INTERRUPTED)
+
+    try:
+        before = {n: signal.signal(n, interrupt) for n in (signal.SIGINT, signal.SIGTERM)}
+    except ValueError:  # outside of the main thread, which alone receives signals
+        yield
+        return
+    reader, writer = os.pipe()
+    os.set_blocking(writer, False)
+    woken = signal.set_wakeup_fd(writer)
+    Thread(target=end_if_deaf, daemon=True).start()
+    try:
+        yield
     finally:
-        if before is not None:
-            signal.signal(signal.SIGTERM, before)
-
-
-def _interrupt(_number: int, _frame: object) -> None:
-    """Handle SIGTERM as Ctrl-C."""
-    raise KeyboardInterrupt
+        signal.set_wakeup_fd(woken)
+        os.close(writer)
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 class Progress:

@@ -1,7 +1,8 @@
 """Meshing by gmsh: tetrahedra in cells, quadrilaterals in a section; smoothing of thin zones."""
 
+import threading
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 
@@ -164,6 +165,9 @@ _REPAIRS = 2
 _INWARD = np.geomspace(0.02, 0.64, 11)  # of the way to the middle of the zones around
 
 
+_NAME = "pyblast, gmsh"  # of our model of gmsh, and of the thread that works on it
+
+
 class MeshingError(InputError):
     """Error of gmsh, raised where a block is too thin to be meshed."""
 
@@ -193,19 +197,49 @@ def _gmsh():
             f"build_mesh: gmsh can't be loaded ({str(error).splitlines()[0]}); install gmsh and "
             "the Debian packages libglu1-mesa libgl1 libxcursor1 libxft2 libxinerama1"
         ) from None
+    for call in _calls():
+        call.join()
+    if gmsh.isInitialized() and _NAME in gmsh.model.list():  # which Ctrl-C has left behind
+        gmsh.finalize()
     ours = not gmsh.isInitialized()
     if ours:
         gmsh.initialize(argv=[], readConfigFiles=False, interruptible=False)
     gmsh.option.setNumber("General.Terminal", 0)
     gmsh.option.setNumber("General.NumThreads", 1)
     gmsh.option.setNumber("Mesh.RandomSeed", 1)
-    gmsh.model.add("pyblast")
+    gmsh.model.add(_NAME)
     try:
         yield gmsh
     finally:
-        gmsh.model.remove()
-        if ours:
-            gmsh.finalize()
+        if not _calls():
+            gmsh.model.remove()
+            if ours:
+                gmsh.finalize()
+
+
+def _calls():
+    """Return the threads in which gmsh runs."""
+    return [thread for thread in threading.enumerate() if thread.name == _NAME]
+
+
+def _call(function, *values):
+    """Call gmsh in a thread of its own, for which Ctrl-C does not wait; return its result.
+
+    HXT sets the number of OpenMP threads of the thread that calls it, and leaves it at one.
+    """
+    done = Future()
+
+    def work():
+        try:
+            done.set_result(function(*values))
+        except BaseException as error:  # raised again below
+            done.set_exception(error)
+
+    thread = threading.Thread(target=work, name=_NAME, daemon=True)
+    thread.start()
+    result = done.result()
+    thread.join()
+    return result
 
 
 def mesh_cells(
@@ -255,20 +289,19 @@ def mesh_cells(
 def _mesh_faces(gmsh):
     """Mesh lines and faces; return the number of triangles."""
     with _explained():
-        gmsh.model.mesh.generate(2)
+        _call(gmsh.model.mesh.generate, 2)
     return sum(len(tags) for tags in gmsh.model.mesh.getElements(2)[1])
 
 
 def _fill(gmsh, algorithm, cells, patches, repairs):
     """Fill the blocks by an algorithm of gmsh, repair thin zones, and return what was made."""
     gmsh.option.setNumber("Mesh.Algorithm3D", algorithm)
-    # HXT sets the number of OpenMP threads of the thread that calls it, and leaves it at one.
-    with _explained(), ThreadPoolExecutor(1) as own:
-        own.submit(gmsh.model.mesh.generate, 3).result()
+    with _explained():
+        _call(gmsh.model.mesh.generate, 3)
     before = _count_slivers(*_read(gmsh, len(cells.faces))[1:3])
     for _ in range(repairs):
         with _explained():
-            gmsh.model.mesh.optimize("")
+            _call(gmsh.model.mesh.optimize, "")
         _smooth(gmsh, len(cells.faces), patches)
     points, zones, cell, surfaces = _collect(gmsh, cells, patches)
     return points, zones, cell, surfaces, (before, _count_slivers(points, zones))
@@ -437,7 +470,7 @@ def section_mesh(
         cuts = [(1, kernel.addLine(number[int(i)], number[int(j)])) for i, j in lines]
         try:
             if cuts:
-                kernel.fragment([(2, face)], cuts)
+                _call(kernel.fragment, [(2, face)], cuts)
             kernel.synchronize()
             mapped = edge_at is None and _map_faces(gmsh, edge)
             options = {
@@ -455,7 +488,7 @@ def section_mesh(
                 gmsh.model.mesh.setSizeCallback(
                     lambda _dim, _tag, x, y, _z, size: min(size, _HALVED * edge_at(x, y))
                 )
-            gmsh.model.mesh.generate(2)
+            _call(gmsh.model.mesh.generate, 2)
         except Exception as error:
             raise MeshingError(f"gmsh could not mesh the section ({error})") from None
         return _quadrilaterals(gmsh, (a1 - a0) * (b1 - b0))

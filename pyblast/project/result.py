@@ -3,6 +3,7 @@
 import json
 import math
 import os
+from contextlib import suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -166,10 +167,18 @@ def write_text(path, text):
 
 
 def write_bytes(path, content):
-    """Write a file atomically: to a temporary file, flushed and renamed."""
+    """Write a file atomically: to a temporary file, flushed and renamed.
+
+    A folder that is gone is made again; letters that the file system lacks become underscores.
+    """
     path = Path(path)
+    try:
+        os.fsencode(path)
+    except UnicodeEncodeError:
+        path = path.with_name(path.name.encode("ascii", "replace").decode().replace("?", "_"))
     beside = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
+        path.parent.mkdir(parents=True, exist_ok=True)
         with beside.open("wb") as file:
             file.write(content)
             file.flush()
@@ -178,7 +187,8 @@ def write_bytes(path, content):
     except OSError as error:
         raise ReadError(f"{path}: can't be written ({error.strerror or error})") from None
     finally:
-        beside.unlink(missing_ok=True)
+        with suppress(OSError):
+            beside.unlink()
 
 
 def write_summary(path, summary):

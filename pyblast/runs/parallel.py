@@ -4,6 +4,7 @@ import hashlib
 import json
 import logging
 import os
+import signal
 import sys
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Executor, ProcessPoolExecutor
@@ -12,7 +13,9 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import lru_cache
 from multiprocessing import get_context
+from multiprocessing.connection import Connection
 from pathlib import Path
+from threading import Thread
 from typing import Any
 
 import numpy as np
@@ -356,16 +359,37 @@ def _dask_client(address):
 
 
 class Processes(ProcessPoolExecutor):
-    """Process pool with its number of processes, ``count``."""
+    """Process pool with its number of processes, ``count``, that end with the process of the pool.
+
+    Each process waits in a thread for the end of a pipe that only the process of the pool holds
+    open: at its end, by any signal, or at `stop`, it ends in the middle of its run.
+    """
 
     def __init__(self, count: int) -> None:
-        super().__init__(count, mp_context=get_context("spawn"))
+        context = get_context("spawn")
+        ends_with, self._held = context.Pipe(duplex=False)
+        super().__init__(count, context, _ends_with, (ends_with,))
         self.count = count
+
+    def stop(self) -> None:
+        """End all processes at once, whatever they run."""
+        self._held.close()
+
+
+def _ends_with(pipe: Connection) -> None:
+    """Let a process end with a pipe, and leave Ctrl-C to the process that holds its other side."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+    def wait():
+        pipe.poll(None)
+        os._exit(1)
+
+    Thread(target=wait, daemon=True).start()
 
 
 @contextmanager
 def workers(count: int | None = None) -> Iterator[Processes]:
-    """Provide a pool of processes that share the cores of this machine.
+    """Provide a pool of processes that share the cores of this machine; Ctrl-C ends them at once.
 
     Parameters
     ----------
@@ -384,7 +408,11 @@ def workers(count: int | None = None) -> Iterator[Processes]:
     os.environ[THREADS] = str(max(1, cores // count))  # read by each process when it starts
     try:
         with Processes(count) as pool:
-            yield pool
+            try:
+                yield pool
+            except (KeyboardInterrupt, SystemExit):
+                pool.stop()
+                raise
     finally:
         if before is None:
             del os.environ[THREADS]

@@ -2,6 +2,7 @@
 
 import hashlib
 import os
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +26,8 @@ def write_arrays(
 ) -> None:
     """Write groups of named arrays atomically: to a temporary file, then rename.
 
+    A folder that is gone is made again.
+
     Parameters
     ----------
     path : path
@@ -37,6 +40,7 @@ def write_arrays(
     path, array_attributes = Path(path), array_attributes or {}
     beside = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
+        path.parent.mkdir(parents=True, exist_ok=True)
         with beside.open("w+b", buffering=0) as raw:
             storage = _Storage(raw)
             try:
@@ -50,7 +54,8 @@ def write_arrays(
         reason = os.strerror(error.errno) if error.errno else error  # that of HDF5 is a paragraph
         raise ReadError(f"{path}: can't be written ({reason})") from None
     finally:
-        beside.unlink(missing_ok=True)
+        with suppress(OSError):
+            beside.unlink()
 
 
 def _write_groups(storage, groups, attributes, array_attributes):

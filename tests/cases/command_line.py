@@ -2,7 +2,6 @@
 
 import json
 import os
-import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -19,13 +18,8 @@ def call(*arguments):
 def spawn(*arguments, **options):
     environment = os.environ | {"OMP_NUM_THREADS": "1"}
     command = [sys.executable, "-m", "pyblast", *map(str, arguments)]
-    # A suite started in the background ignores Ctrl-C, and what it starts would too.
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)
-    try:
-        return subprocess.Popen(command, env=environment, text=True, stdout=subprocess.PIPE,
-                                stderr=subprocess.PIPE, **options)  # fmt: skip
-    finally:
-        signal.signal(signal.SIGINT, before)
+    return subprocess.Popen(command, env=environment, text=True, stdout=subprocess.PIPE,
+                            stderr=subprocess.PIPE, **options)  # fmt: skip
 
 
 def python(script, *arguments, threads=1):

@@ -77,9 +77,11 @@ def test_a_result_cut_short_is_refused(tmp_path, result):
         read_result(path)
 
 
-def test_a_place_that_is_not_there_is_named(tmp_path, result):
+def test_a_place_that_can_hold_no_file_is_named(tmp_path, result):
+    (tmp_path / "taken").write_text("a file")
+
     with pytest.raises(ReadError, match="can't be written"):
-        write_result(tmp_path / "absent" / "result.h5", result)
+        write_result(tmp_path / "taken" / "result.h5", result)
 
 
 def test_numbers_that_are_none_become_null():
