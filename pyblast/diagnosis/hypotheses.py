@@ -147,7 +147,7 @@ def air_over_layers(case: Case) -> str:
         if config.blast is None or np.isnan(each.blast.charge).any():
             return "there is no [blast] with a charge for each hole"
         mesh = config.mesh
-        if not mesh.layers or mesh.benches or case.project.surface is not None:
+        if not mesh.layers or mesh.benches or case.project.ground.surface is not None:
             return "the ground is not flat: give flat [[mesh.layers]]"
     return ""
 

@@ -189,7 +189,7 @@ def test_ground_beyond_a_slope_is_higher_or_lower():
     assert on_ground(lower.mesh, np.add(middle, (30.0, 5.0)))[2] == pytest.approx(-6.0, abs=0.5)
     assert on_ground(lower.mesh, np.subtract(middle, (30.0, 5.0)))[2] == pytest.approx(0.0, abs=0.5)
     north_east = applied("topography", "NE", site(), height=-6.0, **knobs)
-    np.testing.assert_allclose(diagonal.given["surface"], north_east.given["surface"], atol=1e-9)
+    np.testing.assert_allclose(diagonal.terrain, north_east.terrain, atol=1e-9)
 
 
 def test_a_slope_without_height_changes_nothing():
@@ -204,7 +204,7 @@ def test_a_slope_is_added_to_a_surveyed_surface():
     )
     knobs = {"height": 6.0, "position": 10.0, "width": 20.0, "turn": 0.0}
 
-    surface = applied("topography", "E", site().changed(surface=survey), **knobs).given["surface"]
+    surface = applied("topography", "E", site().changed(surface=survey), **knobs).terrain
 
     east = surface[:, 0] - survey_positions(site()).mean(axis=0)[0]
     inside = np.all((surface[:, :2] >= -50.0) & (surface[:, :2] <= [170.0, 140.0]), axis=1)
@@ -216,7 +216,7 @@ def test_a_slope_is_added_to_a_surveyed_surface():
 def test_a_slope_is_not_sought_where_triangles_give_the_ground():
     triangles = np.array([[[-50.0, -50.0, 0.0], [170.0, -50.0, 0.0], [60.0, 900.0, 0.0]]])
     project = site()
-    project = replace(project, given=project.given | {"surface": triangles})
+    project = replace(project, terrain=triangles)
 
     assert "[[diagnosis.candidates]]" in untestable("topography", project)
 

@@ -478,7 +478,7 @@ def partial_joint(project, target, depth):
 
 def sampled_top(case) -> str:
     """Require a top that is flat or surveyed by places, on which a slope can be added."""
-    surface = case.project.surface
+    surface = case.project.ground.surface
     if surface is not None and surface.ndim == 3:
         return (
             "the ground is given as triangles or benches: give another one in "
@@ -526,7 +526,7 @@ def directions(case) -> tuple[str, ...]:
 )
 def slope(project, target, height, position, width, turn):
     """A bench or slope is left out: the ground beyond it, in this direction, is higher or lower."""
-    survey = project.surface
+    survey = project.ground.surface
     along = _direction(45.0 * COMPASS.index(target) + math.degrees(turn))
     across = np.array([-along[1], along[0]])
     reach = BEYOND * math.hypot(*project.config.mesh.size_m[:2])
