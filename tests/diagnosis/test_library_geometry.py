@@ -34,9 +34,6 @@ def site(*dips, direction=100.0):
     ]  # fmt: skip
     joints = [replace(project.joints[0], surface=fault.name) for fault in faults]
     mesh = project.config.mesh.model_copy(update={"faults": faults})
-    sources = [c for blast in project.blasts.values() for c in blast.centres]
-    within = np.array([*sources, *(r.position for r in project.receivers)])[:, :2]
-    project = replace(project, given={**project.given, "within": within})
     return project.changed(mesh=mesh, joints=joints)
 
 

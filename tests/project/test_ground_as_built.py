@@ -127,13 +127,13 @@ def test_a_survey_that_does_not_cover_the_box_is_refused(project, tmp_path, tabl
     (tmp_path / "survey.csv").write_text(table)
 
     with pytest.raises(InputError, match=covered):
-        _ = project({"surface_file": "survey.csv"}).surface
+        _ = project({"surface_file": "survey.csv"}).ground.surface
 
 
 def test_a_survey_may_end_half_a_cell_before_the_box(project, tmp_path):
     (tmp_path / "survey.csv").write_text(grid((5, 5), (115, 85)))
 
-    assert project({"surface_file": "survey.csv"}).surface.shape == (108, 3)
+    assert project({"surface_file": "survey.csv"}).ground.surface.shape == (108, 3)
 
 
 def test_a_receiver_on_a_joint_gets_the_side_whose_motion_it_takes(project):

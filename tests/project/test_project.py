@@ -222,7 +222,7 @@ def test_a_broken_surface_is_refused_with_its_line(tmp_path, text, told):
     path = written(tmp_path, ("grid_cells = [6, 2, 3]", 'edge_m = 10\nsurface_file = "ground.csv"'))
 
     with pytest.raises(ReadError, match=told):
-        _ = load_project(path).surface
+        _ = load_project(path).ground.surface
 
 
 def test_joint_sets_are_cut_to_their_layers(tmp_path):
