@@ -8,8 +8,8 @@ from pyblast.diagnosis import library  # noqa: F401  fills the library
 from pyblast.diagnosis.calibration import calibrated_parameters, with_values
 from pyblast.diagnosis.hypotheses import LIBRARY
 from pyblast.inference.records import band_functions
-from pyblast.simulation.recipe import FINER_ERROR, OF_FITS
 from pyblast.runs.parallel import cached_run
+from pyblast.simulation.recipe import FINER_ERROR, OF_FITS
 
 from .blind.sites import AFTER, BAND, DT, draw_site, project_of
 

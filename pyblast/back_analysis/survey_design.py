@@ -14,7 +14,7 @@ from ..inference.parameter import Parameter, Problem, problem_of
 from ..inference.records import band_functions
 from ..project.inputs import NEARLY, input_band
 from ..project.places import on_ground
-from ..project.project import Project, make_project
+from ..project.project import Project
 from ..project.validity import carried_band, validity
 from ..solver.injection import near_receivers
 from ..units import plain_number

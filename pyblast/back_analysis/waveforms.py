@@ -8,8 +8,8 @@ from ..errors import InputError, PyblastError
 from ..inference.records import Noise, Records, band_functions, check_sampling, gather, noise_of
 from ..project.inputs import input_band
 from ..signals.seismogram import Seismogram
-from .parameters import simulate
 from ..simulation.recipe import edge_factor
+from .parameters import simulate
 
 SAMPLES_PER_PERIOD = 8.0  # of the highest frequency of the band
 NOISE_PERIODS = 2.0  # shortest noise window, in periods of the highest frequency

@@ -24,7 +24,6 @@ from .case import Case
 from .trusted_shots import with_source
 
 
-
 @dataclass(eq=False)
 class Forward:
     """Forward simulation of the blasts of a case; counts its runs.

@@ -37,8 +37,6 @@ from ..model.model import Model, Receiver, SpongeLayer
 from ..readers.provenance import ReadLog
 from ..recordings.recording import Recording
 from ..signals.seismogram import Seismogram
-from ..solver.initial_stress import joint_pressures
-from ..solver.injection import with_injection
 from ..simulation.recipe import (
     FINER_ERROR,
     OF_FITS,
@@ -49,6 +47,8 @@ from ..simulation.recipe import (
     sizes_for_band,
     sizes_for_error,
 )
+from ..solver.initial_stress import joint_pressures
+from ..solver.injection import with_injection
 from .elastic_ground import ElasticGround, elastic_ground, with_elastic_ground
 from .inputs import (
     InputMotion,
@@ -293,9 +293,7 @@ class Project:
         That of `sizes_for_band` where the ground takes hexahedra, else that of the file.
         """
         fitted = sizes_for_band(self.ground, highest, accuracy)
-        plain = self.config.mesh.model_copy(
-            update={"near_source_work": fitted.near_source_work}
-        )
+        plain = self.config.mesh.model_copy(update={"near_source_work": fitted.near_source_work})
         if fitted == plain or self.changed(mesh=fitted).meshed.mesh.hexahedral:
             return fitted
         return plain

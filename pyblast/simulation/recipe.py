@@ -498,9 +498,7 @@ def _hexahedra(ground, stations, geometry, wave, lines=None):
     orders = [each for each in ORDERS if each >= lowest]
 
     def meshes(order, builders, factor=1.0):
-        sizes = [
-            factor * _size(ground, part, order, stations.reach) for part in ground.mesh.layers
-        ]
+        sizes = [factor * _size(ground, part, order, stations.reach) for part in ground.mesh.layers]
         for how, build in builders.items():
             try:
                 with named_error("mesh"):

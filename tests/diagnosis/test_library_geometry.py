@@ -17,8 +17,7 @@ from pyblast.diagnosis.effects import Effect
 from pyblast.diagnosis.hypotheses import LIBRARY
 from pyblast.diagnosis.library.geometry import _fault, _on_top
 from pyblast.errors import InputError
-from pyblast.project.places import survey_positions
-from pyblast.project.places import on_ground
+from pyblast.project.places import on_ground, survey_positions
 
 STIFF, WEAK = {"kn": 3e10, "ks": 3e10}, {"kn": 1e8, "ks": 1e8}
 

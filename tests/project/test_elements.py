@@ -9,8 +9,8 @@ from small_site import TABLES
 from pyblast.config.config import check_config
 from pyblast.errors import InputError
 from pyblast.mesh.quality import explicit_work
-from pyblast.simulation.recipe import NODES_FOR_ONE_PER_CENT, nodes_per_wavelength
 from pyblast.project.project import make_project
+from pyblast.simulation.recipe import NODES_FOR_ONE_PER_CENT, nodes_per_wavelength
 
 TIMES = np.arange(0.0, 0.2, 1e-3)
 POSITION = [30.0, 40.0, -10.0]

@@ -9,10 +9,10 @@ from pydantic import ValidationError
 from pyblast.config.ground import BenchConfig, FractureConfig, MeshConfig
 from pyblast.errors import InputError
 from pyblast.ground import surface
+from pyblast.ground.surface import benches_of, survey_of
 from pyblast.project import checks
 from pyblast.project.checks_ground import ground_notes
 from pyblast.project.project import load_project
-from pyblast.ground.surface import benches_of, survey_of
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "bench" / "project.toml"
 

@@ -14,10 +14,10 @@ from pyblast.mesh.gmsh import MeshingError
 from pyblast.mesh.hexahedral import swept
 from pyblast.mesh.mesh import locate_in_zones
 from pyblast.mesh.quality import explicit_work
-from pyblast.simulation import recipe
 from pyblast.project.checks import check
 from pyblast.project.places import on_ground
 from pyblast.project.project import make_project
+from pyblast.simulation import recipe
 
 SIDES = ["west", "east", "south", "north", "bottom", "top"]
 JOINT = {"law": "elastic", "kn_gpa_per_m": 0.2, "ks_gpa_per_m": 0.1}

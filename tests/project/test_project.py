@@ -169,8 +169,8 @@ def test_the_stress_on_a_viscous_face_is_doubled(tmp_path):
 
 def test_edges_follow_from_edges_per_wavelength():
     from pyblast.config.ground import LayerConfig, MeshConfig
-    from pyblast.model.material import Material
     from pyblast.ground.tables import mean_edge
+    from pyblast.model.material import Material
 
     soil = Material(2000.0, 125e6, 57.7e6)
     layer = LayerConfig(material="soil", edges_per_wavelength=10.0)

@@ -14,8 +14,8 @@ from pyblast.blasts.hole_tables import read_blast
 from pyblast.blasts.site_law import read_site_records
 from pyblast.config.section import read_time_function
 from pyblast.errors import InputError, PyblastWarning, ReadError
-from pyblast.line_records.field_records import read_geometry
 from pyblast.ground.surface import _points
+from pyblast.line_records.field_records import read_geometry
 from pyblast.readers.provenance import ReadLog
 from pyblast.recordings.recording import read_recording
 
