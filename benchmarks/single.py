@@ -6,7 +6,7 @@ import numpy as np
 
 from pyblast.diagnosis import library  # noqa: F401  fills the library
 from pyblast.diagnosis.hypotheses import LIBRARY
-from pyblast.project.flat_box import constant_q
+from pyblast.model.material import ConstantQ
 from pyblast.solver.preparation import prepare
 from pyblast.solver.run import simulate
 
@@ -43,7 +43,7 @@ def laws():
         ),
         "constant Q": lambda site: site.changed(
             materials={
-                name: replace(one, law=constant_q(*QUALITY, BAND))
+                name: replace(one, law=ConstantQ.around(*QUALITY, BAND))
                 for name, one in site.materials.items()
             }
         ),

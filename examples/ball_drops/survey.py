@@ -8,7 +8,7 @@ import numpy as np
 
 from pyblast.config.section import read_time_function
 from pyblast.diagnosis.hypotheses import LIBRARY
-from pyblast.diagnosis.library.sides import kind_of, sides_of, with_joint
+from pyblast.diagnosis.library.sides import kind_of_side, sides_of, with_joint
 from pyblast.inference.reciprocity import responses
 from pyblast.model.material import Material
 from pyblast.model.model import Receiver
@@ -113,7 +113,7 @@ def members(reference: Project) -> dict[str, tuple[str, Project]]:
         if side in ("south", "north"):
             continue  # sensors stand on both walls, so they are asked below
         for kind in ("free", "roller", "fixed", "viscous"):
-            if not (side == "bottom" and kind_of(reference, side) == kind):
+            if not (side == "bottom" and kind_of_side(reference, side) == kind):
                 project = LIBRARY[f"side/{kind}"].apply(reference, side)
                 known[f"{side}: {kind}"] = f"{side}: {kind}", project
         if side.startswith("under"):

@@ -92,6 +92,8 @@ class FractureConfig(Section):
     def _file_or_laws(self):
         """Ask for a file, or for the laws of a set."""
         self._one_of(("file",), ("dip_deg", "dip_direction_deg", "fisher_kappa", "p32"))
+        if self.file is None and self.file_unit is not None:
+            raise ValueError("file_unit goes with file")
         needs = {"power": ("radius_exponent", "radius_range_m")}.get(
             self.radius_law,
             ("radius_m", "radius_deviation_m") if self.radius_law == "lognormal" else ("radius_m",),
@@ -132,6 +134,8 @@ class BenchConfig(Section):
         self._one_of(("toe_m",), ("toe_file",), ("height_m",))
         if self.height_m is None and "face_dip_deg" in self.model_fields_set:
             raise ValueError("face_dip_deg goes with height_m; the toe gives the dip")
+        if self.file_unit is not None and self.crest_file is None and self.toe_file is None:
+            raise ValueError("file_unit goes with crest_file or toe_file")
         for line in ("crest", "toe"):
             if getattr(self, f"{line}_layer") is not None and getattr(self, f"{line}_file") is None:
                 raise ValueError(f"{line}_layer goes with {line}_file, a drawing")
@@ -174,7 +178,13 @@ class MeshConfig(Section):
     def _complete(self):
         """Ask for layers and an edge length of a box; a file needs nothing else."""
         self._one_of(("size_m",), ("file",))
+        for file, keys in (("surface_file", ("surface_unit", "surface_layers")),
+                           ("file", ("file_groups", "file_joints", "file_welded"))):  # fmt: skip
+            if getattr(self, file) is None and any(getattr(self, key) for key in keys):
+                raise ValueError(f"{' and '.join(keys)} go with {file}")
         if self.file is not None:
+            if self.surface_file is not None or self.benches or self.fractures:
+                raise ValueError("surface_file, benches and fractures do not go with file")
             return self
         if not self.layers:
             raise ValueError("layers is missing; give [[mesh.layers]] with a material")
@@ -185,8 +195,6 @@ class MeshConfig(Section):
             raise ValueError("padding_m and padding_edge_m go together")
         if self.benches and (self.surface_file is not None or self.kind == "hexahedra"):
             raise ValueError("benches are cut into tetrahedra, without surface_file or hexahedra")
-        if self.surface_file is None and (self.surface_unit or self.surface_layers):
-            raise ValueError("surface_unit and surface_layers go with surface_file")
         names = [part.name for part in (*self.joint_sets, *self.faults, *self.fractures)]
         for name in names:
             if names.count(name) > 1:

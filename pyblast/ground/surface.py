@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import scipy
 
-from ..errors import InputError, ReadError, named_error
+from ..errors import InputError, named_error
 from ..mesh.grid import Fault
 from ..mesh.mesh import inner_facets
 from ..model.fractures import (
@@ -17,15 +17,7 @@ from ..model.fractures import (
     terminated,
 )
 from ..model.terrain import Bench, bench_triangles, toe_of, walked
-from ..readers.cells import wanted_by
-from ..readers.geometry import (
-    SurveyedSurface,
-    read_content,
-    read_lines,
-    read_surface,
-    surface_format,
-)
-from ..readers.tables import read_table
+from ..readers.geometry import SurveyedSurface, read_lines, read_surface
 
 HALF_CELL = 0.51  # of the diagonal of a cell, with which a survey reaches beyond its places
 
@@ -60,13 +52,10 @@ def survey_of(config, folder, log=None) -> SurveyedSurface:
     InputError
         If its unit can't be decided, or it does not fit the box.
     """
-    path = folder / config.surface_file
     with named_error("mesh.surface_file"):
-        if surface_format(path, read_content(path)) is None:
-            return SurveyedSurface(_points(path, log), np.empty((0, 2)))
         return read_surface(
-            path, box=box_of(config), unit=config.surface_unit, layers=config.surface_layers,
-            log=log,
+            folder / config.surface_file, box=box_of(config), unit=config.surface_unit,
+            layers=config.surface_layers, log=log,
         )  # fmt: skip
 
 
@@ -140,24 +129,10 @@ def _lines(part, name, config, folder, log):
     file = getattr(part, f"{name}_file")
     if file is None:
         return [np.array(getattr(part, f"{name}_m"))]
-    if not _is_drawing(file):
-        return [_points(folder / file, log)]
     layer = getattr(part, f"{name}_layer")
     return read_lines(
         folder / file, layer, box=box_of(config), unit=part.file_unit, log=log
     )  # fmt: skip
-
-
-def _points(path, log):
-    """Return the positions (n, 3) in m of a table, with titles or of three columns of numbers."""
-    table = read_table(
-        path, wanted_by("surface"), None, log, untitled=("x", "y", "z"), kind="table of positions"
-    )
-    points = np.column_stack([table.values[name] for name in "xyz"])
-    if np.isnan(points).any():
-        line = table.lines[int(np.isnan(points).any(axis=1).argmax())]
-        raise ReadError(f"{path}, line {line}: must be three numbers, one is missing")
-    return points
 
 
 def welded_surfaces(config, mesh) -> list[str]:

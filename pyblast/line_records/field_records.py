@@ -11,12 +11,13 @@ import numpy as np
 
 from ..errors import InputError, PyblastError, PyblastWarning, ReadError
 from ..readers.cells import decode_lines, read_bytes, read_columns, split_line, wanted_by
+from ..readers.kinds import is_text, kind_of
 from ..readers.provenance import ReadLog
 from ..readers.tables import read_table
 from ..recordings.pieces import Stretch, common_step, common_windows, stretches_of
 from ..recordings.raw import MAX_FILE_BYTES, clipped_samples, is_dead, uniform_step
 from ..recordings.recording import Gather, Recording, first_recording, read_gather, read_recording
-from ..recordings.seismic import quantity_of, read_traces, sniff_seismic
+from ..recordings.seismic import FORMATS, quantity_of, read_traces
 from ..units import FACTORS, split_key
 
 METRES_PER_DEGREE = 111_195.0
@@ -102,7 +103,7 @@ def read_folder(
             log.extend(own)
         except PyblastError as error:
             reason = str(error).removeprefix(f"{path}").lstrip(":, ")
-            other = path.suffix in NOT_RECORDS and reason.startswith("is none of")
+            other = path.suffix in NOT_RECORDS and reason.startswith("is ")
             skipped.append((path.name, "is no record" if other else reason))
             continue
         (single if len(read.channels) == 1 and read.format in ("SAC", "MSEED", "GSE2") else
@@ -125,11 +126,11 @@ def _read_file(path: Path, log: ReadLog) -> FieldRecord:
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         recording, content = None, read_bytes(path, MAX_FILE_BYTES)
-        format = sniff_seismic(content)
+        format = kind_of(content).name
         if format in ("SEG2", "SEGY"):
             gather, checks = read_gather(path, log=log), ()
             names = [str(n + 1) for n in range(len(gather.data))]
-        elif format is not None:
+        elif format in FORMATS:
             gather, names = _from_traces(path, content, format, log)
             checks = ()
         elif _is_channel_table(path, content):
@@ -203,7 +204,7 @@ def _in_metres(record: FieldRecord) -> FieldRecord:
 
 def _is_channel_table(path: Path, content: bytes) -> bool:
     """Return whether a CSV file has channels other than components of motion."""
-    if b"\0" in content[:2000]:
+    if not is_text(content):
         return False
     head = content[:4000].decode("latin-1").splitlines()
     first = next((line for line in head if not line.startswith("#")), "")

@@ -9,6 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import InputError, ReadError
+from ..readers.cells import read_bytes
+from ..readers.kinds import expect
 from ..readers.provenance import ReadLog
 from ..units import check_length
 from . import tetrahedra
@@ -17,16 +19,7 @@ from .mesh import Mesh
 from .mesh_files import DIMENSION, TETRAHEDRON, TRIANGLE, read_gmsh, read_med
 from .quality import validate
 
-# By suffix: name of the format, and bytes required near the beginning of the file.
-_FORMATS = {
-    ".msh": ("gmsh", b"$"),
-    ".vtu": ("vtu", b"<VTKFile"),
-    ".inp": ("abaqus", b"*"),
-    ".med": ("med", b"\x89HDF"),
-    ".xdmf": ("xdmf", b"<Xdmf"),
-    ".xmf": ("xdmf", b"<Xdmf"),
-}
-_HEAD = 2048
+_LARGEST_FILE = 4_000_000_000  # bytes
 _TAGS = ("gmsh:physical", "cell_tags", "medit:ref", "group", "tag", "material", "region")
 _IGNORED = ("vertex", "line")
 
@@ -75,7 +68,9 @@ def read_mesh(
     >>> mesh = read_mesh("pit.msh", groups={"1": "rock"}, joints=["F1"])  # doctest: +SKIP
     """
     path = Path(path)
-    name = _file_format(path)
+    content = read_bytes(path, _LARGEST_FILE)
+    name = expect(path, content, "mesh").name
+    _refuse_other_files(path, name, content)
     entry = (ReadLog() if log is None else log).file(path, name)
     if name in _READERS:
         points, (zones, group_names), (triangles, surface_names) = _grouped(path, name, entry)
@@ -103,33 +98,11 @@ def read_mesh(
     return mesh
 
 
-def _file_format(path):
-    """Return meshio's name of the format, by suffix and content."""
-    suffix = path.suffix.lower()
-    if suffix not in _FORMATS:
-        raise ReadError(
-            f"{path}: unknown mesh format {suffix!r}; known are {', '.join(sorted(_FORMATS))}"
-        )
-    try:
-        with path.open("rb") as file:
-            head = file.read(_HEAD)
-    except OSError as error:
-        raise ReadError(f"{path}: can't be read ({error.strerror})") from None
-    name, mark = _FORMATS[suffix]
-    if mark not in head:
-        raise ReadError(f"{path}: does not look like a {suffix} file, {mark.decode('latin1')!r} "
-                        "is missing at its beginning")  # fmt: skip
-    if name in ("vtu", "xdmf", "abaqus"):
-        _refuse_other_files(path, name)
-    return name
-
-
-def _refuse_other_files(path, name):
+def _refuse_other_files(path, name, text):
     """Raise ReadError for files that refer to other files or define entities."""
-    text = path.read_bytes()
     if name == "abaqus" and re.search(rb"(?im)^\s*\*\s*include", text):
         raise ReadError(f"{path}: *INCLUDE is not followed; put the mesh into one file")
-    if name != "abaqus" and (b"<!DOCTYPE" in text or b"<!ENTITY" in text):
+    if name in ("vtu", "xdmf") and (b"<!DOCTYPE" in text or b"<!ENTITY" in text):
         raise ReadError(f"{path}: document types and entities are not accepted; remove them")
     if name == "xdmf" and re.search(rb">[^<]*[/\\][^<:]*:/", text):
         raise ReadError(f"{path}: its data must lie beside it, not in another folder")
@@ -148,7 +121,7 @@ def _read(path, name):
         raise ReadError(f"{path}: broken or no {name} mesh ({reason})") from None
 
 
-_READERS = {"gmsh": read_gmsh, "med": read_med}
+_READERS = {"gmsh": read_gmsh, "MED": read_med}
 
 
 def _grouped(path, name, entry):

@@ -11,10 +11,10 @@ from numpy.typing import ArrayLike
 
 from ..errors import InputError, ReadError
 from ..mesh.grid import Fault, upward_normal
-from ..readers.cells import wanted_by
-from ..readers.geometry import read_content, read_faces
+from ..readers.cells import read_bytes, unit_name
+from ..readers.geometry import LENGTHS, file_unit, read_faces, read_positions
+from ..readers.kinds import expect
 from ..readers.provenance import ReadLog
-from ..readers.tables import read_table
 
 MOST_FRACTURES = 500
 SIDES = 12  # of the polygon that stands for a disc
@@ -313,22 +313,22 @@ def read_fractures(
     path: str | Path, name: str, *, box: ArrayLike | None = None, unit: str | None = None,
     log: ReadLog | None = None,
 ) -> list[Fault]:  # fmt: skip
-    """Read mapped fractures by the suffix of their file.
+    """Read mapped fractures by the content of their file.
 
     Parameters
     ----------
     path : str or Path
-        ``.dxf`` (faces), ``.fab`` (text of FracMan: BEGIN FRACTURE, a line with number and count
-        of corners, the corners, and a line of the normal; not checked against the vendor's
-        documentation), or a table. A table of discs has the head
+        DXF (faces), text of FracMan (``.fab``: BEGIN FRACTURE, a line with number and count
+        of corners, the corners, and a line of the normal; words of its FORMAT are obeyed or
+        refused), or a table. A table of discs has the head
         ``x_m,y_m,z_m,dip_deg,dip_direction_deg,radius_m``, one of corners
         ``fracture,x_m,y_m,z_m``.
     name : str
         Of the joint surface.
     box : (3, 2) float, m, optional
-        Of the ground, with which the unit of a drawing is compared.
+        Of the ground, which fractures must meet in their unit.
     unit : str, optional
-        Of a drawing, in the place of what its header says.
+        In the place of what a header says, or of lengths whose titles say none.
     log : ReadLog, optional
         Takes what was read.
 
@@ -337,18 +337,24 @@ def read_fractures(
     ReadError
         If the file can't be read or holds no fractures.
     InputError
-        If a fracture can't be cut, or the unit of a drawing can't be decided.
+        If a fracture can't be cut, the unit can't be decided, or nothing meets the box.
     """
     path = Path(path)
-    if path.suffix.lower() == ".dxf":
-        return [polygon(name, corners) for corners in read_faces(path, box=box, unit=unit)]
-    if path.suffix.lower() == ".fab":
-        text = read_content(path).decode("utf-8", errors="replace")
-        return [polygon(name, corners) for corners in _fab(path.name, text)]
-    table = read_table(path, wanted_by("fractures"), log=log, kind="table of fractures")
-    missing = {key: np.isnan(v) for key, v in table.values.items() if key != "fracture"}
-    for key, absent in missing.items():
-        if absent.any():
+    content = read_bytes(path)
+    kind = expect(path.name, content, "fractures").name
+    if kind == "DXF":
+        faces = read_faces(path, box=box, unit=unit, log=log)
+        return [polygon(name, corners) for corners in faces]
+    if kind == "FracMan text":
+        faces, said = _fab(path.name, content.decode("utf-8", errors="replace"))
+        symbol, why = file_unit(path.name, np.concatenate(faces), box, unit or said)
+        (log or ReadLog()).file(path, kind).column(
+            "faces", "corners", symbol, LENGTHS[symbol], rows=len(faces), why=why
+        )
+        return [polygon(name, LENGTHS[symbol] * corners) for corners in faces]
+    table = read_positions(path, "fractures", box=box, unit=unit, log=log)
+    for key in {"dip", "dip_direction"} & set(table.values):
+        if (absent := np.isnan(table.values[key])).any():
             line = table.lines[int(absent.argmax())]
             raise ReadError(f"{path.name}, line {line}: {key} is missing, expected a number")
     places = np.column_stack([table.values[axis] for axis in "xyz"])
@@ -382,8 +388,21 @@ def _discs(table, name, middles):
     ]
 
 
+# Words of FORMAT that change places or amounts beside Length_Unit and No_Fractures: what is read.
+FAB_WORDS = {"format": "ascii", "xaxis": "east", "no_tessfractures": "0"}
+
+
 def _fab(file, text):
-    """Return the polygons of a FracMan text."""
+    """Return the polygons (n, 3) of a FracMan text, and its unit of lengths, None if not said."""
+    head = text.partition("END FORMAT")[0]
+    words = re.findall(r"(?m)^[ \t]*(\w+)[ \t]*=[ \t]*([^\r\n]*\S)", head)
+    said = {key.lower(): value for key, value in words}
+    for key, read in FAB_WORDS.items():
+        if said.get(key, read).lower() != read:
+            raise ReadError(f"{file}: {key} = {said[key]} is not read; export with {read}")
+    unit = said.get("length_unit")
+    if unit is not None and unit_name(unit) not in LENGTHS:
+        raise ReadError(f"{file}: unknown Length_Unit {unit[:40]!r}; export in metres")
     block = re.search(r"BEGIN FRACTURE\s*\n(.*?)END FRACTURE", text, re.S | re.I)
     if block is None:
         raise ReadError(f"{file}: holds no block BEGIN FRACTURE ... END FRACTURE")
@@ -391,13 +410,14 @@ def _fab(file, text):
     try:
         while lines:
             count = int(lines[0][1])
-            polygons.append([[float(word) for word in line[1:4]] for line in lines[1 : count + 1]])
-            numbered = [line[0] for line in lines[1 : count + 1]]
-            if numbered != [str(corner + 1) for corner in range(count)]:
+            corners = np.array(lines[1 : count + 1], dtype=float)
+            if not np.array_equal(np.diff(corners[:, 0]), np.ones(count - 1)):
                 raise ValueError
+            polygons.append(corners[:, 1:4])
             lines = lines[count + 2 :]  # the line after the corners holds the normal
     except (ValueError, IndexError):
-        raise ReadError(
-            f"{file}: fracture {len(polygons) + 1} can't be read; export text"
-        ) from None
-    return polygons
+        number = len(polygons) + 1
+        raise ReadError(f"{file}: fracture {number} can't be read; export text") from None
+    if str(len(polygons)) != said.get("no_fractures", str(len(polygons))) or not polygons:
+        raise ReadError(f"{file}: No_Fractures = {said.get('no_fractures')}, found {len(polygons)}")
+    return polygons, unit and unit_name(unit)

@@ -19,6 +19,7 @@ import numpy as np
 
 from ..errors import InputError, ReadError
 from ..units import FACTORS
+from .kinds import expect
 
 LARGEST_TABLE = 100_000_000  # bytes
 LARGEST_UNPACKED = 500_000_000  # bytes of all parts of a workbook
@@ -26,14 +27,6 @@ LARGEST_EDITED = 40_000_000  # bytes of a workbook whose merged and hidden cells
 LONGEST_LINE = 100_000  # characters
 DELIMITERS = (";", "\t", "|", ",", " ")
 ABSENT = {"", "na", "n/a", "#n/a", "nan", "null", "none", "-", "--", "---", "n.a."}
-_OTHER_FILES = {
-    b"PK\x03\x04": "is a zip archive or a damaged Excel workbook; save the sheet as CSV",
-    b"\xd0\xcf\x11\xe0": "is an Excel workbook of the old kind; save it as .xlsx or CSV",
-    b"%PDF": "is a PDF document; export the table as CSV",
-    b"\x55\x3a": "is a recording in SEG-2, no table; read it with read_gather",
-    b"\x3a\x55": "is a recording in SEG-2, no table; read it with read_gather",
-    b"\x89HDF": "is an HDF5 file, no table",
-}
 
 
 def read_bytes(path: Path, max_bytes: int = LARGEST_TABLE) -> bytes:
@@ -54,11 +47,9 @@ def read_bytes(path: Path, max_bytes: int = LARGEST_TABLE) -> bytes:
         raise ReadError(f"{path}: can't be read ({getattr(error, 'strerror', error)})") from None
 
 
-def decode_lines(where: Path | str, content: bytes) -> list[str]:
-    """Decode text in UTF-8, UTF-16 with its mark, or Latin-1; refuse other files by their kind."""
-    for magic, sentence in _OTHER_FILES.items():
-        if content.startswith(magic) and (magic != b":U" or b"\0" in content[:32]):
-            raise ReadError(f"{where}: {sentence}")
+def decode_lines(where: Path | str, content: bytes, door: str = "table") -> list[str]:
+    """Decode text in UTF-8, UTF-16 with its mark, or Latin-1; refuse what a door does not read."""
+    expect(where, content, door)
     try:
         marked = content.startswith((b"\xff\xfe", b"\xfe\xff"))
         text = content.decode("utf-16" if marked else "utf-8-sig")
@@ -66,10 +57,7 @@ def decode_lines(where: Path | str, content: bytes) -> list[str]:
         text = content.decode("latin-1")
     if "\0" in text:
         line = text[: text.index("\0")].count("\n") + 1
-        raise ReadError(
-            f"{where}, line {line}: expected text, found a NUL byte (binary, or UTF-16 without "
-            "its mark; save it as UTF-8)"
-        )
+        raise ReadError(f"{where}, line {line}: expected text, found a NUL byte; it is damaged")
     lines = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
     long = next((n for n, line in enumerate(lines, 1) if len(line) > LONGEST_LINE), None)
     if long is not None:
@@ -133,28 +121,22 @@ class Cells:
         return [(n, cells) for n, cells in rows if any(cells)]
 
 
-def is_workbook(content: bytes) -> bool:
-    """Tell whether the content of a file is an Excel workbook (.xlsx, .xlsm)."""
-    if not content.startswith(b"PK\x03\x04"):
-        return False
-    try:
-        with zipfile.ZipFile(io.BytesIO(content)) as archive:
-            return "xl/workbook.xml" in archive.namelist()
-    except (zipfile.BadZipFile, OSError):
-        return False
-
-
-def cells_of(where: Path | str, content: bytes, sheet: str | None = None) -> Cells:
+def cells_of(
+    where: Path | str, content: bytes, sheet: str | None = None, door: str = "table"
+) -> Cells:
     """Return the cells of text, or of a sheet of a workbook (the only one with cells if not named).
 
     Raises InputError if a sheet must be named or is none, ReadError if the file is neither.
     """
-    if not is_workbook(content):
+    if expect(where, content, door).name != "an Excel workbook":
         if sheet is not None:
             raise InputError(f"{where}: is no Excel workbook; leave out sheet = {sheet!r}")
-        return Cells(str(where), decode_lines(where, content))
-    with zipfile.ZipFile(io.BytesIO(content)) as archive:
-        size = sum(part.file_size for part in archive.infolist())
+        return Cells(str(where), decode_lines(where, content, door))
+    try:
+        with zipfile.ZipFile(io.BytesIO(content)) as archive:
+            size = sum(part.file_size for part in archive.infolist())
+    except (zipfile.BadZipFile, OSError) as error:
+        raise ReadError(f"{where}: is a damaged Excel workbook ({error}); save it again") from None
     if size > LARGEST_UNPACKED:
         most = LARGEST_UNPACKED // 10**6
         raise ReadError(f"{where}: unpacks to {size // 10**6} MB, at most {most} MB are read")
@@ -551,6 +533,12 @@ def title_splits(text: str) -> Iterator[tuple[str, str]]:
 def title_unit(text: str) -> str:
     """Return the unit in the title of a column, whatever its quantity; "" if it has none."""
     return next((unit_name(unit) for _, unit in title_splits(text) if unit_name(unit)), "")
+
+
+def listed(names: Sequence[str]) -> str:
+    """List at most eight names."""
+    more = f" and {len(names) - 8} more" if len(names) > 8 else ""
+    return ", ".join(names[:8]) + more
 
 
 def is_pressure(text: str) -> bool:

@@ -7,17 +7,12 @@ from collections.abc import Sequence
 import numpy as np
 
 from ..errors import InputError, ReadError
+from .cells import listed
 from .provenance import FileRead
 
 _SAME = 0.01  # between the ends of two pieces of a line, and two heights
 _SAGITTA = 0.05  # of chords of arcs
 _SAMPLE = 100  # faces of a layer that are compared with the others
-
-
-def listed(names: Sequence[str]) -> str:
-    """List at most eight names."""
-    more = f" and {len(names) - 8} more" if len(names) > 8 else ""
-    return ", ".join(names[:8]) + more
 
 
 _INSUNITS = {1: "in", 2: "ft", 4: "mm", 5: "cm", 6: "m", 7: "km", 21: "us_ft"}

@@ -7,7 +7,7 @@ model where there is one: units of drawings are set by templates more often than
 import io
 import re
 import struct
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -17,14 +17,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..errors import InputError, ReadError
-from . import drawings
-from .drawings import listed
+from ..units import FACTORS
+from .cells import listed, read_bytes, unit_name, wanted_by
+from .kinds import expect
 from .provenance import ReadLog
+from .tables import Table, read_table
 
-LENGTHS = {
-    "m": 1.0, "km": 1e3, "cm": 1e-2, "mm": 1e-3, "ft": 0.3048, "in": 0.0254,
-    "us_ft": 1200.0 / 3937.0,
-}  # fmt: skip
+LENGTHS = {unit: FACTORS[unit] for unit in ("m", "km", "cm", "mm", "ft", "in", "us_ft")}
 LOWEST, HIGHEST = -1000.0, 10000.0  # of any ground, in m or ft
 WIDEST = 5e4  # m
 _LARGEST_FILE = 500_000_000  # bytes
@@ -78,11 +77,12 @@ def read_surface(
     ----------
     path : str or Path
         ESRI or Surfer ASCII grid, GeoTIFF, DXF (3DFACE, polyface, polygon and MESH entities, blocks
-        where they are inserted; POINT entities where there are no faces), LandXML or STL.
+        where they are inserted; POINT entities where there are no faces), LandXML, STL, or a table
+        of x, y, z.
     box : (3, 2) float, m, optional
         Ground that the surface belongs to; the unit of the file is compared with it.
     unit : str, optional
-        One of `LENGTHS`, in the place of what the header says.
+        One of `LENGTHS`, in the place of what the header says; titles of a table go before it.
     layers : sequence of str
         Layers of a drawing, or surfaces of LandXML; all by default, if they do not lie over each
         other.
@@ -100,26 +100,19 @@ def read_surface(
     InputError
         If the unit can't be decided, the surface does not fit the box, or a layer is absent.
     """
-    path = Path(path)
-    content = read_content(path)
-    format = surface_format(path, content)
-    if format is None:
-        raise ReadError(
-            f"{path.name}: is no surface; known are ASCII grids (.asc, .grd), GeoTIFF, DXF, "
-            "LandXML and STL"
-        )
+    path, log = Path(path), log or ReadLog()
+    content = read_bytes(path, _LARGEST_FILE)
+    kind = expect(path.name, content, "surface").name
     box = None if box is None else np.asarray(box, dtype=float)
-    if layers and format not in ("DXF", "LandXML"):
+    if layers and kind not in ("DXF", "LandXML"):
         raise InputError(f"{path.name}: has no layers; leave out the names of layers")
-    entry = (log or ReadLog()).file(path, format)
-    raw = _FORMATS[format](entry, content, tuple(layers))
-    if format in ("ESRI ASCII grid", "Surfer grid"):
+    if kind not in _READERS:
+        table = read_positions(path, "surface", box=box, unit=unit, log=log, fits=_fits)
+        return SurveyedSurface(_places(table), np.empty((0, 2)))
+    entry = log.file(path, kind)
+    raw = _READERS[kind](entry, content, tuple(layers))
+    if kind in ("ESRI ASCII grid", "Surfer grid"):
         raw = replace(raw, **_projection(path))
-    if raw.degrees or _looks_like_degrees(raw, box):
-        raise InputError(
-            f"{path.name}: its coordinates are degrees of longitude and latitude "
-            f"({_extent(raw.values)}); project it to metres, to the coordinates of the model"
-        )
     symbol, why = _unit(path.name, raw, box, unit, _fits)
     factor = LENGTHS[symbol]
     values = factor * raw.values
@@ -146,13 +139,13 @@ def read_lines(
     unit: str | None = None,
     log: ReadLog | None = None,
 ) -> list[np.ndarray]:
-    """Read the polylines (n, 3) in m of one layer of a DXF drawing, from the highest down.
+    """Read the polylines (n, 3) in m of one layer of a drawing, from the highest down, or a table.
 
     Parameters
     ----------
     path : str or Path
     layer : str, optional
-        May be left out where only one layer holds lines.
+        May be left out where only one layer holds lines; a table, of one line, has none.
     box, unit, log
         As for `read_surface`.
 
@@ -165,12 +158,18 @@ def read_lines(
     -----
     Pieces that end at one position are joined; arcs and splines are cut into chords.
     """
-    path = Path(path)
-    parts, symbol_said, name = drawings.polylines(path.name, read_content(path), layer)
-    raw = _Content(np.concatenate(parts), symbol_said, hint=True)
+    path, content = Path(path), read_bytes(Path(path), _LARGEST_FILE)
     box = None if box is None else np.asarray(box, dtype=float)
+    if expect(path.name, content, "lines").name != "DXF":
+        if layer is not None:
+            raise InputError(f"{path.name}: has no layers; leave out {layer!r}")
+        return [_places(read_positions(path, "surface", box=box, unit=unit, log=log))]
+    from .drawings import chained, polylines
+
+    parts, symbol_said, name = polylines(path.name, content, layer)
+    raw = _Content(np.concatenate(parts), symbol_said, hint=True)
     symbol, why = _unit(path.name, raw, box, unit, _reaches)
-    chains = drawings.chained([LENGTHS[symbol] * part for part in parts])
+    chains = chained([LENGTHS[symbol] * part for part in parts])
     (log or ReadLog()).file(path, "DXF").column(
         "lines", f"layer {name!r}", symbol, LENGTHS[symbol], rows=len(chains), why=why
     )
@@ -197,8 +196,10 @@ def read_faces(
     ReadError, InputError
         If the file can't be read or holds none, or its unit can't be decided.
     """
+    from .drawings import faces as faces_of
+
     path = Path(path)
-    faces, said = drawings.faces(path.name, read_content(path))
+    faces, said = faces_of(path.name, read_bytes(path, _LARGEST_FILE))
     raw = _Content(np.concatenate(faces), said, hint=True)
     box = None if box is None else np.asarray(box, dtype=float)
     symbol, why = _unit(path.name, raw, box, unit, _reaches)
@@ -208,30 +209,50 @@ def read_faces(
     return [LENGTHS[symbol] * corners for corners in faces]
 
 
-def read_content(path: Path) -> bytes:
-    """Return the bytes of a file; raise ReadError if it can't be read or is too large."""
-    try:
-        if path.stat().st_size > _LARGEST_FILE:
-            raise ReadError(f"{path.name}: larger than {_LARGEST_FILE // 10**6} MB; thin it out")
-        return path.read_bytes()
-    except OSError as error:
-        if isinstance(error, ReadError):
-            raise
-        raise ReadError(f"{path.name}: can't be read ({error.strerror})") from None
+def read_positions(
+    path: Path, door: str, *, box: ArrayLike | None = None, unit: str | None = None,
+    log: ReadLog | None = None, fits: Callable | None = None,
+) -> Table:  # fmt: skip
+    """Read a table with positions x, y, z in m, as the titles say; without a unit there, in one.
+
+    Parameters
+    ----------
+    path : Path
+    door : str
+        Of `wanted_by`.
+    box, unit, log
+        As for `read_surface`; the positions must reach into the box.
+
+    Raises
+    ------
+    ReadError, InputError
+        If a position is missing, titles say another unit, or the table does not fit the box.
+    """
+    untitled = ("x", "y", "z") if door == "surface" else ()
+    kind = "table of positions"
+    table = read_table(path, wanted_by(door), None, log, untitled=untitled, kind=kind)
+    lengths = [name for name in (*"xyz", "radius") if name in table.values]
+    said = {table.units[name] for name in lengths} - {""}
+    if unit is not None and {unit_name(text) for text in said} - {unit}:
+        raise InputError(
+            f"{path.name}: its titles say {' and '.join(sorted(said))}, the project {unit}; leave "
+            "out one of them (surface_unit, file_unit)"
+        )
+    if (lost := np.isnan([table.values[name] for name in lengths]).any(axis=0)).any():
+        line = table.lines[int(lost.argmax())]
+        raise ReadError(f"{path.name}, line {line}: must be numbers, one is missing")
+    raw = _Content(_places(table))
+    symbol, why = _unit(path.name, raw, box, None if said else unit, fits or _reaches)
+    if symbol != "m":
+        table.entry.remark(f"lengths are in {symbol}, factor {LENGTHS[symbol]:g}: {why}")
+    for name in lengths:
+        table.values[name] = LENGTHS[symbol] * table.values[name]
+    return table
 
 
-def surface_format(path: Path, content: bytes) -> str | None:
-    """Return the format of a surface by content, by suffix where that says nothing; None: table."""
-    head = content[:2000].lstrip(b"\xef\xbb\xbf \t\r\n")
-    if content[:4] in (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"):
-        return "GeoTIFF"
-    if head.startswith(b"DSAA"):
-        return "Surfer grid"
-    if re.match(rb"(?i)(ncols|nrows)\s", head):
-        return "ESRI ASCII grid"
-    if b"<LandXML" in head:
-        return "LandXML"
-    return _SUFFIXES.get(path.suffix.lower())
+def _places(table):
+    """Return the positions (n, 3) of a table."""
+    return np.column_stack([table.values[axis] for axis in "xyz"])
 
 
 def _extent(values):
@@ -279,25 +300,45 @@ def _reaches(corners, box):
     return bool(meets and np.linalg.norm(high - low) >= 0.2 * np.ptp(box[:2], axis=1).min())
 
 
+def _meets(corners, box):
+    """Tell whether lines or faces meet a box in plan, and no farther away than its height."""
+    low, high = corners[:, :2].min(axis=0), corners[:, :2].max(axis=0)
+    meets = (low <= box[:2, 1]).all() and (high >= box[:2, 0]).all()
+    return bool(meets and _above(corners, box) <= np.ptp(box[2]))
+
+
+def file_unit(
+    name: str, corners: np.ndarray, box: ArrayLike | None = None, given: str | None = None
+) -> tuple[str, str]:
+    """Return the unit of the corners (n, 3) of fractures, given or m, and why.
+
+    Raises InputError if they do not meet the box in it.
+    """
+    return _unit(name, _Content(corners), box, given, _reaches)
+
+
 def _unit(name, raw, box, given, fits):
     """Return the unit of a file, given, said by its header or decided by the box, and why."""
-    corners = raw.values.reshape(-1, 3)
-    if given is not None:
-        return given, "as the project says"
-    said = raw.unit or "m"
-    choice = f"; say which unit holds, {said!r} or 'm' (surface_unit, file_unit)"
-    if raw.heights_unknown:
+    corners, said = raw.values.reshape(-1, 3), raw.unit or "m"
+    key = "surface_unit" if fits is _fits else "file_unit"
+    if raw.degrees or (given is None and _looks_like_degrees(raw, box)):
+        raise InputError(
+            f"{name}: its coordinates are degrees of longitude and latitude "
+            f"({_extent(raw.values)}); project it to metres, to the coordinates of the model"
+        )
+    if given is None and raw.heights_unknown:
         raise InputError(
             f"{name}: its coordinates are in {said}, the unit of its heights is not said; convert "
-            f"them to {said} and give surface_unit = {said!r}"
+            f"them to {said} and give {key} = {said!r}"
         )
+    choice = f"; say which unit holds, {said!r} or 'm' ({key})"
     if box is None:
-        if raw.hint and said != "m":
+        if given is None and raw.hint and said != "m":
             raise InputError(
                 f"{name}: its header says {said}, which drawing programs set by templates{choice}"
             )
-        return said, "" if said == "m" else "as its header says"
-    candidates = [said] if said == "m" else [said, "m"]
+        return given or said, _why(given, said)
+    candidates = [given] if given else [said] if said == "m" else [said, "m"]
     fitting = [symbol for symbol in candidates if fits(LENGTHS[symbol] * corners, box)]
     if len(fitting) == 2 and raw.hint:
         raise InputError(
@@ -305,19 +346,25 @@ def _unit(name, raw, box, given, fits):
             f"{choice}"
         )
     if fitting:
-        symbol = fitting[0]
-        if symbol == said:
-            return symbol, "" if said == "m" else "as its header says, and as it fits the box"
-        return symbol, f"its header says {said}, it fits the box of the mesh in {symbol} alone"
-    if len(candidates) == 2 or (fits is _fits and _covers(corners, box)):
-        others = [u for u in LENGTHS if fits(LENGTHS[u] * corners, box)]
-        remedy = f"; it would fit in {others[0]}: surface_unit = {others[0]!r}" if others else ""
-        x, y, z = corners[np.abs(corners[:, 2] - box[2].mean()).argmax()]
-        raise InputError(
-            f"{name}: does not fit the box of the mesh in {' or '.join(candidates)}: it spans "
-            f"{_extent(raw.values)}, and its height is {z:.7g} at ({x:.7g}, {y:.7g}){remedy}"
-        )
-    return "m", ""  # beside the box: said where the ground is cut
+        if fitting[0] == candidates[0]:
+            return fitting[0], _why(given, said, ", and as it fits the box")
+        return fitting[0], f"its header says {said}, it fits the box of the mesh in m alone"
+    scaled = LENGTHS[candidates[0]] * corners
+    beside = not _covers(scaled, box) if fits is _fits else _meets(scaled, box)
+    if len(candidates) == 1 and beside:  # a surface beside the box: said where the ground is cut
+        return candidates[0], _why(given, said)
+    others = [u for u in LENGTHS if fits(LENGTHS[u] * corners, box)]
+    remedy = f"; it would fit in {others[0]}: {key} = {others[0]!r}" if others else ""
+    x, y, z = corners[np.abs(corners[:, 2] - box[2].mean()).argmax()]
+    raise InputError(
+        f"{name}: does not fit the box of the mesh in {' or '.join(candidates)}: it spans "
+        f"{_extent(raw.values)}, and its height is {z:.7g} at ({x:.7g}, {y:.7g}){remedy}"
+    )
+
+
+def _why(given, said, more=""):
+    """Say why a unit was taken."""
+    return "as the project says" if given else "" if said == "m" else f"as its header says{more}"
 
 
 def _near(positions, box):
@@ -540,7 +587,7 @@ def _projection(path):
                   None)  # fmt: skip
     if beside is None:
         return {}
-    text = read_content(beside)[:100_000].decode("latin-1")
+    text = read_bytes(beside)[:100_000].decode("latin-1")
     projected = re.search(r"(?i)PROJC(S|RS)\s*\[", text)
     if re.search(r"(?i)GEOG(CS|CRS)\s*\[|Projection\s+GEOGRAPHIC", text) and not projected:
         return {"degrees": True}
@@ -633,15 +680,13 @@ def _landxml_triangles(name, surface):
 
 def _dxf_surface(entry, content, layers):
     """Read the faces of a drawing, or its points where it has no faces."""
-    values, unit = drawings.surface(entry, content, layers)
+    from .drawings import surface
+
+    values, unit = surface(entry, content, layers)
     return _Content(values, unit, hint=True)
 
 
-_FORMATS = {
+_READERS = {
     "ESRI ASCII grid": _ascii_grid, "Surfer grid": _surfer_grid, "GeoTIFF": _geotiff,
     "DXF": _dxf_surface, "LandXML": _landxml, "STL": _stl,
-}  # fmt: skip
-_SUFFIXES = {
-    ".asc": "ESRI ASCII grid", ".grd": "Surfer grid", ".dxf": "DXF", ".stl": "STL",
-    ".tif": "GeoTIFF", ".tiff": "GeoTIFF",
 }  # fmt: skip

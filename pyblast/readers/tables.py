@@ -105,7 +105,7 @@ class Head(NamedTuple):
 
 def load_mapping(path: Path | str) -> dict:
     """Read a mapping file; raise InputError if it is no TOML."""
-    text = "\n".join(decode_lines(path, read_bytes(Path(path), LONGEST_LINE)))
+    text = "\n".join(decode_lines(path, read_bytes(Path(path), LONGEST_LINE), "mapping"))
     try:
         return tomllib.loads(text)
     except (ValueError, RecursionError) as error:
@@ -329,6 +329,7 @@ def _units_of(where, wanted, sources, data):
         unit = _unit(source, quantity) if quantity.units else ""
         if quantity.units and not unit and not source.unit:
             unit = _unit_of_cells(data, source.index, quantity)
+            sources[name] = source._replace(unit=unit)
         if (
             not unit
             and quantity.clock

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..errors import InputError, PyblastWarning, ReadError
-from ..readers.cells import Cells, cells_of, is_workbook, read_bytes
+from ..readers.cells import Cells, cells_of, read_bytes
+from ..readers.kinds import expect, kind_of
 from ..readers.provenance import ReadLog
 from ..signals.seismogram import BLAST_AXES, GEOGRAPHIC, Seismogram
 from .raw import (
@@ -24,7 +25,7 @@ from .raw import (
     lone_spike,
 )
 from .segy import read_segy
-from .seismic import check_bytes, deconvolve, read_seg2, read_traces, sniff_seismic, station_records
+from .seismic import check_bytes, deconvolve, read_seg2, read_traces, station_records
 from .tables import TEXT_FORMATS, read_motion, recognises_motion, refuse_histogram
 
 if TYPE_CHECKING:
@@ -139,7 +140,7 @@ def read_recording(
         TOML file that describes a table of any layout.
     unit : str, optional
         Of seismological samples: ``m_per_s`` and the like, ``m_per_s2`` and the like or ``g`` of
-        accelerometers, which are integrated, or ``counts``.
+        accelerometers, which are integrated, or ``counts``; of columns of a table without one.
     time_zero : str or obspy.UTCDateTime, optional
         Time 0 of seismological formats.
     orientations : dict of channel code to (azimuth, dip), rad, optional
@@ -193,13 +194,17 @@ def read_recording(
     elif len(paths) > 1:
         raise InputError(f"{paths[1]}: only one-channel files can be read together")
     else:
-        cells = cells_of(paths[0], data[0]) if cells is None else cells
+        if time_zero is not None or orientations is not None:
+            raise InputError(f"{paths[0]}: time_zero and orientations go with {_STATION_FORMATS}")
+        if unit not in (None, "counts") and format not in ("CSV", "MAPPED"):
+            raise InputError(f"{paths[0]}: its header says its unit; leave out unit = {unit!r}")
+        cells = cells_of(paths[0], data[0], door="record") if cells is None else cells
         refuse_histogram(paths[0], cells.lines)
         reader = TEXT_FORMATS.get(format)
         if reader is not None:
             raws = [reader.read(paths[0], cells.lines, log)]
         else:
-            raws = [read_motion(paths[0], cells, mapping, log)]
+            raws = [read_motion(paths[0], cells, mapping, log, None if unit == "counts" else unit)]
     return [_recording(paths[0], raw, bearing, full_scale) for raw in raws]
 
 
@@ -296,9 +301,9 @@ def remove_response(recording: Recording, response: str | Path | dict) -> Record
 
 def _cells(path, content, sheet) -> Cells | None:
     """Return the cells of a workbook or of text, None for seismological formats."""
-    if sniff_seismic(content) is None or is_workbook(content) or sheet is not None:
-        return cells_of(path, content, sheet)
-    return None
+    if kind_of(content).name in (*_STATION_FORMATS, *_GATHERS) and sheet is None:
+        return None
+    return cells_of(path, content, sheet, "record")
 
 
 def _choose_format(path, content, cells, format, mapping):
@@ -309,10 +314,10 @@ def _choose_format(path, content, cells, format, mapping):
         if mapping is None or format not in (None, "MAPPED"):
             raise InputError(f"{path}: a mapping belongs to format MAPPED, and the reverse")
         return "MAPPED"
-    detected = sniff_seismic(content)
-    if detected in ("SEG2", "SEGY"):
+    detected = kind_of(content).name
+    if detected in _GATHERS:
         raise InputError(f"{path}: is a gather ({detected}), read it with read_gather")
-    if detected is None:
+    if detected not in _STATION_FORMATS:
         head = [] if cells is None else cells.lines[:60]
         detected = next(
             (name for name, row in TEXT_FORMATS.items() if head and row.recognises(head)), None
@@ -519,11 +524,9 @@ def read_gather(
     """
     path = Path(path)
     content = read_bytes(path, max_bytes)
-    format = format or sniff_seismic(content)
+    format = format or expect(path, content, "gather").name
     if format not in _GATHERS:
-        raise (ReadError if format is None else InputError)(
-            f"{path}: expected a gather in SEG2 or SEGY, got {format or 'neither'}"
-        )
+        raise InputError(f"{path}: expected a gather in SEG2 or SEGY, got {format}")
     check_bytes(path, content, format)
     entry = (ReadLog() if log is None else log).file(path, format)
     values = _GATHERS[format](path, content, entry)

@@ -34,13 +34,6 @@ class Layout(NamedTuple):
     fixed: bool
 
 
-def is_segy(content: bytes) -> bool:
-    """Recognise SEG-Y by the first letter of its text and its binary header."""
-    return content[:1] in (b"C", b"\xc3", b" ", b"\x40", b"\0", b"\x83", b"c") and bool(
-        _order(content)
-    )
-
-
 def _order(content):
     """Return the byte order in which the binary header makes sense, "" for none."""
     if len(content) < _TEXT + _HEAD:
@@ -71,6 +64,8 @@ def layout(path: Path, content: bytes) -> Layout:
     (2017), bytes 3297-3300. Where the fixed-length flag is 0, traces have their own counts.
     """
     order = _order(content)
+    if not order:
+        raise ReadError(f"{path}: its binary header says neither samples nor interval of SEG-Y")
     (n_file,) = struct.unpack_from(f"{order}H", content, 3220)
     (code,) = struct.unpack_from(f"{order}h", content, 3224)
     flag, n_texts = struct.unpack_from(f"{order}2h", content, 3502)

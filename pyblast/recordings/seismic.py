@@ -12,11 +12,12 @@ import numpy as np
 
 from ..errors import InputError, ReadError
 from ..readers.cells import read_bytes
+from ..readers.kinds import expect, kind_of
 from ..readers.provenance import FileRead
 from ..units import FACTORS
 from .pieces import common_step, common_windows, leave_out, stretches_of
 from .raw import RawRecord, integrated_to_velocity
-from .segy import is_segy, layout
+from .segy import layout
 
 if TYPE_CHECKING:
     import obspy
@@ -25,16 +26,11 @@ _SEG2_SAMPLE_BYTES = {1: 2, 2: 4, 3: 2.5, 4: 4, 5: 8}
 _CM6_LETTERS = b"+-0123456789ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz"
 
 
-def sniff_seismic(content: bytes) -> str | None:
-    """Return MSEED, SAC, SEG2, SEGY or GSE2 by content; None for everything else."""
-    return next((name for name, looks in _MAGIC.items() if looks(content)), None)
-
-
 def check_bytes(path: Path, content: bytes, name: str) -> None:
     """Raise ReadError for content of another format, cut short, or harmful to its decoder."""
-    if name not in _MAGIC:
-        raise InputError(f"format: must be one of {', '.join(_MAGIC)}, got '{name}'")
-    if not _MAGIC[name](content):
+    if name not in FORMATS:
+        raise InputError(f"format: must be one of {', '.join(FORMATS)}, got '{name}'")
+    if kind_of(content).name != name:
         raise ReadError(f"{path}: its content is not {name}")
     promised = _PROMISED[name](content) if name in _PROMISED else 0
     if promised > len(content):
@@ -95,13 +91,6 @@ def _blank_codes(content):
     return bytes(mended)
 
 
-def _is_sac(content):
-    """Recognise SAC by its header version in either byte order."""
-    return len(content) >= 632 and any(
-        struct.unpack(order + "i", content[304:308])[0] in (6, 7) for order in "<>"
-    )
-
-
 def _sac_bytes(content):
     """Return the number of bytes by the SAC header."""
     order = "<" if struct.unpack("<i", content[304:308])[0] in (6, 7) else ">"
@@ -160,18 +149,7 @@ def _refuse_broken_gse2(path, content):
             )
 
 
-def _is_seed(content):
-    """Recognise miniSEED, or a SEED volume, whose control headers stand before the data."""
-    return _is_mseed(content) or (content[:6].isdigit() and content[6:8] == b"V ")
-
-
-_MAGIC = {
-    "MSEED": _is_seed,
-    "SEG2": lambda content: content[:2] in (b"\x55\x3a", b"\x3a\x55") and len(content) >= 32,
-    "GSE2": lambda content: content[:5] == b"WID2 ",
-    "SEGY": is_segy,
-    "SAC": _is_sac,
-}
+FORMATS = ("MSEED", "SEG2", "GSE2", "SEGY", "SAC")
 _PROMISED = {
     "MSEED": _mseed_bytes, "SAC": _sac_bytes, "SEG2": _seg2_bytes,
 }  # fmt: skip
@@ -462,8 +440,9 @@ def read_inventory(path: Path) -> "obspy.Inventory":
     import obspy
 
     content = read_bytes(path, _MAX_METADATA_BYTES)
-    if b"<FDSNStationXML" not in content[:2000] or b"<!" in content.replace(b"<!--", b""):
-        raise ReadError(f"{path}: expected StationXML without a document type, found other text")
+    expect(path, content, "response")
+    if b"<!" in content.replace(b"<!--", b""):
+        raise ReadError(f"{path}: document types and entities are not accepted; remove them")
     try:
         return obspy.read_inventory(io.BytesIO(content), format="STATIONXML")
     except Exception as error:

@@ -390,8 +390,9 @@ def recognises_motion(lines: list[str]) -> bool:
 
 
 def read_motion(
-    path: Path, cells: Cells, mapping: str | Path | None = None, log: ReadLog | None = None
-) -> RawRecord:
+    path: Path, cells: Cells, mapping: str | Path | None = None, log: ReadLog | None = None,
+    unit: str | None = None,
+) -> RawRecord:  # fmt: skip
     """Read a table of motion, such as ``Time (s);Long (mm/s);Tran (mm/s)``.
 
     Parameters
@@ -402,12 +403,15 @@ def read_motion(
         TOML file: columns and units that titles don't say, delimiter, decimal mark, sampling.
     log : ReadLog, optional
         Takes what was read.
+    unit : str, optional
+        Of columns of motion whose titles and header say none.
 
     Raises
     ------
     ReadError, InputError
-        If the column of time, a component or a unit is missing, each by its name; if a component
-        appears twice, or a column of velocity has a title that is none of a component.
+        If ``unit`` is given and titles say theirs; if the column of time, a component or a unit is
+        missing, each by its name; if a component appears twice, or a column of velocity has a title
+        that is none of a component.
     """
     wanted = wanted_by("motion")
     rules, own = (NO_RULES, {}) if mapping is None else _load_mapping(Path(mapping), wanted)
@@ -415,7 +419,10 @@ def read_motion(
     if head is None:
         raise ReadError(f"{path}: expected titles such as 'Time (s)', 'Vert (mm/s)', found none")
     said = _stated(cells.lines[: head.line - 1])
-    head = _with_unit(head, wanted, said.get("unit", ""))
+    stated = _with_unit(head, wanted, said.get("unit", ""))
+    head = _with_unit(stated, wanted, unit or "")
+    if unit is not None and (head.units == stated.units or rules.columns):
+        raise InputError(f"{path}: the table says its units; leave out unit = {unit!r}")
     accelerating = mapping is None and _accelerates(head, wanted)
     if accelerating:
         wanted = Wanted(wanted.quantities | {

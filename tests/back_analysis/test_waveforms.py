@@ -213,11 +213,13 @@ def test_white_noise_has_the_rms_that_is_given(tmp_path):
 
 
 def clipped(folder, marked):
-    """Write a project whose record is cut at 40 % of its peak, and says so or not."""
+    """Write a project whose record is cut at 40 % of its peak, flat or not: as noise hides it."""
     path = noisy(folder)
     values = np.loadtxt(folder / "wall.csv", delimiter=",", skiprows=1)
     top = 0.4 * np.abs(values[:, 1:]).max()
-    values[:, 1:] = np.clip(values[:, 1:], -top, top)
+    cut = np.clip(values[:, 1:], -top, top)
+    noise = 1e-4 * np.sin(np.arange(cut.size)).reshape(cut.shape)
+    values[:, 1:] = cut if marked else cut * (1.0 + noise)
     head, *_, low_pass = (folder / "wall.csv").read_text().splitlines()
     texts = {"header": head, "footer": low_pass, "comments": ""}
     np.savetxt(folder / "wall.csv", values, "%.17g", ",", **texts)

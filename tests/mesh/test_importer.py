@@ -227,13 +227,17 @@ def test_a_malformed_mesh_is_refused_in_one_sentence(tmp_path, changes, message)
 @pytest.mark.parametrize(
     ("name", "content", "message"),
     [
-        ("m.stl", "solid", "unknown mesh format '.stl'"),
-        ("m.msh", "(0 fluent)", "does not look like a .msh file"),
+        ("m.stl", "solid", "is STL .triangles.; write the mesh as gmsh"),
+        ("m.msh", "(0 fluent)", "is Fluent .a mesh of ANSYS Fluent.; write the mesh as gmsh"),
         ("m.msh", "$MeshFormat\n9.9 0 8\n$EndMeshFormat\n", "gmsh format 9.9 is not"),
         ("m.msh", GMSH_2[:200], "broken|holds no tetrahedra"),
         ("m.msh", GMSH_2.replace("2 3 4 5\n", "2 3 4 9\n"), "broken|names node"),
-        ("m.vtu", "<VTKFile>", "broken or no vtu mesh"),
-        ("m.vtu", '<!DOCTYPE a [<!ENTITY b "c">]><VTKFile/>', "document types and entities"),
+        ("m.vtu", "<VTKFile>", "is VTK XML .no unstructured"),
+        (
+            "m.vtu",
+            '<!DOCTYPE a [<!ENTITY b "c">]><VTKFile type="UnstructuredGrid"/>',
+            "document types and entities",
+        ),
         ("m.inp", "*NODE\n*INCLUDE, INPUT=secret.inp\n", r"\*INCLUDE is not followed"),
         ("m.inp", ABAQUS.replace("C3D4", "C3D8"), "broken|only tetrahedra"),
         ("m.inp", ABAQUS.replace("0, 1, 0", "0, one, 0"), "broken or no abaqus mesh"),
@@ -252,7 +256,7 @@ def test_a_broken_file_is_refused_in_one_sentence(tmp_path, name, content, messa
 
 
 def test_a_missing_file_is_refused(tmp_path):
-    with pytest.raises(ReadError, match="No such file"):
+    with pytest.raises(ReadError, match="expected a file, found none"):
         read_mesh(tmp_path / "none.msh")
 
 

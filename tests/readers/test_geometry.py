@@ -471,10 +471,10 @@ def test_landxml_in_feet_is_converted_and_one_of_several_surfaces_is_asked_for(t
         ("a.xml", b"<LandXML></LandXML>", "holds the surfaces none"),
         ("a.stl", b"solid\n", "holds no triangles"),
         ("a.stl", b"vertex 1 2 3\n", "broken STL"),
-        ("a.dxf", b"PK\x03\x04", "no DXF file"),
+        ("a.dxf", b"PK\x03\x04", "is a zip archive"),
         ("a.dxf", b"0\nSECTION\n2\nENTITIES\n0\nLINE\n8\n0\n10\n0\n0\nENDSEC\n0\nEOF\n", "1 LINE"),
-        ("a.grd", b"\x04\0\0\0", "is no text"),
-        ("a.bin", b"what", "is no surface"),
+        ("a.grd", b"\x04\0\0\0\1\1", "is no text"),
+        ("a.bin", b"what", "needs titles such as x .m., y .m., z .m."),
     ],
 )
 def test_a_file_without_a_surface_is_refused_with_its_reason(name, content, message, tmp_path):

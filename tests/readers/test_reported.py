@@ -14,8 +14,8 @@ from pyblast.blasts.hole_tables import read_blast
 from pyblast.blasts.site_law import read_site_records
 from pyblast.config.section import read_time_function
 from pyblast.errors import InputError, PyblastWarning, ReadError
-from pyblast.ground.surface import _points
 from pyblast.line_records.field_records import read_geometry
+from pyblast.readers.geometry import read_lines
 from pyblast.readers.provenance import ReadLog
 from pyblast.recordings.recording import read_recording
 
@@ -173,7 +173,7 @@ def test_reported_thousands_are_read_or_asked_for():
 
 DOORS = {
     "peaks": (read_site_records, "distance_m{0}charge_kg{0}ppv_mm_per_s", [1050, 120, "1{1}9"]),
-    "surface": (lambda path: _points(path, None), "x_m{0}y_m{0}z_m", [0, 10, "44{1}5"]),
+    "surface": (lambda path: read_lines(path)[0], "x_m{0}y_m{0}z_m", [0, 10, "44{1}5"]),
     "curve": (lambda path: read_time_function(path, "force"), "time_s{0}force_kn", ["0{1}1", 7]),
     "places": (read_geometry, "kind{0}name{0}x_m{0}y_m", ["receiver", 1, "2{1}5", 3]),
     "holes": (read_blast, "id{0}x{0}y{0}z{0}charge_kg{0}delay_s", [1, 2, 3, "4{1}5", 6, "0{1}5"]),
@@ -431,8 +431,8 @@ def test_surfaces_are_read_under_usual_titles_and_without_any(tmp_path):
     folder = REPORTED / "26-titles-at-every-door"
     plain = written(tmp_path, "0 0 44\n0 40 50\n50 0 44\n50 40 50\n", "ground.xyz")
 
-    assert _points(folder / "surface_titles.csv", None).tolist() == _points(plain, None).tolist()
-    assert _points(folder / "surface_semicolons.csv", None)[2].tolist() == [50.0, 0.0, 44.5]
+    assert read_lines(folder / "surface_titles.csv")[0].tolist() == read_lines(plain)[0].tolist()
+    assert read_lines(folder / "surface_semicolons.csv")[0][2].tolist() == [50.0, 0.0, 44.5]
 
 
 def test_a_comma_inside_a_number_never_shifts_the_columns(tmp_path):

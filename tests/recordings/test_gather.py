@@ -75,7 +75,7 @@ def test_gather_is_sent_to_its_own_reader(tmp_path):
 
 
 def test_record_is_not_a_gather(tmp_path):
-    with pytest.raises(ReadError, match="expected a gather in SEG2 or SEGY"):
+    with pytest.raises(ReadError, match=r"is text .* export the gather as SEG-2 or SEG-Y"):
         read_gather(write(tmp_path, files.instantel_ascii()))
 
 

@@ -10,8 +10,8 @@ import obspy
 import pytest
 
 from pyblast.errors import InputError, ReadError
+from pyblast.readers.kinds import kind_of
 from pyblast.recordings.recording import read_gather, read_recording
-from pyblast.recordings.seismic import sniff_seismic
 
 FOLDER = Path(obspy.__file__).parent / "io"
 KINDS = ("mseed", "sac", "gse2", "seg2", "segy", "gcf", "y", "ah", "kinemetrics", "reftek",
@@ -32,7 +32,7 @@ def outcome(path):
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         try:
-            if sniff_seismic(path.read_bytes()) in ("SEG2", "SEGY"):
+            if kind_of(path.read_bytes()).name in ("SEG2", "SEGY"):
                 return read_gather(path), ""
             return read_recording(path, unit="counts"), ""
         except (ReadError, InputError) as error:
@@ -77,7 +77,7 @@ def assert_same_gather(gather, stream):
 def compare(path):
     """Read one file both ways; return its class."""
     content = path.read_bytes()
-    format = sniff_seismic(content)
+    format = kind_of(content).name
     read, reason = outcome(path)
     assert "\n" not in reason
     if read is None:

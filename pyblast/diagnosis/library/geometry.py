@@ -10,11 +10,10 @@ from scipy.interpolate import LinearNDInterpolator, NearestNDInterpolator
 from ...config.ground import FaultConfig
 from ...config.section import with_candidate
 from ...errors import InputError
-from ...ground.tables import joint_of_surface, make_joint, make_material
+from ...ground.tables import is_anisotropic, joint_of_surface, make_joint, make_material
 from ...inference.parameter import Parameter
 from ...model.joint import Joint
 from ...model.material import Material
-from ...project.flat_box import band_of, ground_materials, is_anisotropic
 from ...project.places import survey_positions
 from ...simulation.recipe import scaled
 from ..hypotheses import hypothesis, remeshable
@@ -49,7 +48,7 @@ def _direction(degrees):
 
 def _highest(project):
     """Return the highest frequency in Hz that is compared."""
-    band = band_of(project.config)
+    band = project.config.band_hz
     assert band is not None  # a case has one
     return band[1]
 
@@ -100,7 +99,7 @@ def _on_top(places, dip, direction, project):
 def _candidates(case, orientations):
     """Name candidate planes of orientations, between holes and receivers, away from listed ones."""
     project, names = case.project, []
-    fastest = max(project.materials[name].cs for name in ground_materials(project))
+    fastest = max(project.materials[name].cs for name in project.ground_materials)
     spacing = fastest / (EDGES * case.band.high)
     holes = np.concatenate([blast.centres for blast in project.blasts.values()])
     receivers = np.array([r.position for r in project.receivers if r.name in case.receivers])
@@ -214,7 +213,7 @@ def _fault(project, target, offset, turn=0.0, steeper=0.0):
 
 def _apart(project, fault):
     """Tell whether a plane keeps its distance from listed parallel ones."""
-    fastest = max(project.materials[name].cs for name in ground_materials(project))
+    fastest = max(project.materials[name].cs for name in project.ground_materials)
     least = NEAREST * fastest / (EDGES * _highest(project))
     dip, direction = _orientation(fault)
     along = _direction(direction)
@@ -555,7 +554,7 @@ def isotropic_materials(case) -> tuple[str, ...]:
     """Name the materials of the ground whose two speeds may change."""
     project = case.project
     isotropic = not is_anisotropic(project.materials)
-    return tuple(ground_materials(project)) if isotropic else ()
+    return tuple(project.ground_materials) if isotropic else ()
 
 
 @hypothesis(

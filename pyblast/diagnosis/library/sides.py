@@ -7,7 +7,6 @@ import numpy as np
 from ...config.ground import BoundariesConfig, FaultConfig
 from ...inference.parameter import Parameter
 from ...model.joint import Joint
-from ...project.flat_box import band_of
 from ...project.project import Project
 from ..hypotheses import hypothesis, remeshable
 
@@ -50,7 +49,7 @@ def bounded(case) -> str:
     )
 
 
-def kind_of(project: Project, side: str) -> str:
+def kind_of_side(project: Project, side: str) -> str:
     """Return the condition of an outer side, of `KINDS`; free where none is given."""
     table = project.config.boundaries
     return next((kind for kind in KINDS if side in getattr(table, kind)), "free")
@@ -64,9 +63,9 @@ def with_kind(project: Project, side: str, kind: str) -> Project | None:
     if side.startswith(UNDER):
         project = without_ground_under(project, side.removeprefix(UNDER))
         side = "bottom"
-        if kind_of(project, side) == kind:
+        if kind_of_side(project, side) == kind:
             return project
-    elif kind_of(project, side) == kind:
+    elif kind_of_side(project, side) == kind:
         return None
     return project.changed(boundaries=_moved(project.config.boundaries, side, kind))
 
@@ -113,7 +112,7 @@ def _springs(project, material, stiffness, ratio):
 
     Z is the P impedance of the ground, f the middle of the band; there a joint in it passes 0.71.
     """
-    band, rock = band_of(project.config), project.materials[material]
+    band, rock = project.config.band_hz, project.materials[material]
     assert band is not None  # a case has one
     kn = stiffness * math.pi * math.sqrt(band[0] * band[1]) * rock.density * rock.cp
     return {"kn": kn, "ks": kn / ratio}
@@ -152,7 +151,7 @@ def with_joint(project: Project, side: str, stiffness: float, ratio: float) -> P
 
 def _wider(project, axis, sign):
     """Return the `MeshConfig` of a box that goes on beyond a side."""
-    mesh, band = project.config.mesh, band_of(project.config)
+    mesh, band = project.config.mesh, project.config.band_hz
     assert band is not None  # a case has one
     used = [project.materials[layer.material].cs for layer in mesh.layers]
     width = BEYOND * max(used) / band[0]
