@@ -104,6 +104,8 @@ def make_firing(config, blast, reference_charge=None) -> Firing:
     """
     if blast is None:
         return Firing(np.zeros(1), np.ones(1))
+    if (reference_charge or config.reference_charge_kg) and not np.any(blast.charge):
+        raise InputError("blast: all charges are zero, so nothing enters; give charges in kg")
     firing = blast.firing(reference_charge or config.reference_charge_kg, config.charge_exponent)
     if config.scatter_ms:
         sigma = to_si("scatter_ms", config.scatter_ms)[1]
@@ -301,6 +303,11 @@ def make_entry(config, motion, fronts=None):
         return [StressInput(config.face, motion, fronts=fronts)], []
     angles = [to_si(key, getattr(config, key))[1] for key in ("azimuth_deg", "inclination_deg")]
     along = motion.velocity @ polarisation(config.wave, *angles)
+    if not np.any(np.abs(along) > 1e-9 * np.abs(motion.velocity).max()):
+        raise InputError(
+            f"input.wave: the signature has no motion along {config.wave} from "
+            f"{config.azimuth_deg:g} degrees, so nothing enters; take another wave or azimuth_deg"
+        )
     history = TimeFunction(along, motion.dt, motion.start)
     return [], [PlaneWave(config.wave, history, *angles, free_surface=config.free_surface)]
 

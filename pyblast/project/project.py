@@ -1,7 +1,7 @@
 """A project: everything that its file names, as objects in SI units, and variants of it."""
 
 import hashlib
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -49,6 +49,7 @@ from ..simulation.recipe import (
 )
 from ..solver.initial_stress import joint_pressures
 from ..solver.injection import with_injection
+from ..solver.run import Run, simulate
 from .elastic_ground import ElasticGround, elastic_ground, with_elastic_ground
 from .inputs import (
     InputMotion,
@@ -405,6 +406,42 @@ class Project:
             with named_error(f"{self.path.name}: receivers.{name}.recorded"):
                 compared[name] = record.filtered_like(self.low_pass)
         return compared
+
+    def simulate(
+        self,
+        duration: float | None = None,
+        *,
+        progress: Callable | None = None,
+        snapshot_times: Sequence[float] = (),
+    ) -> Run:
+        """Simulate the motion of the model from the first firing on; no file is written.
+
+        Parameters
+        ----------
+        duration : float, s, optional
+            From the start of the run; by default that of the project.
+        progress : callable, optional
+            Called with (stage, done, total) between chunks of time steps of about 0.05 s.
+        snapshot_times : sequence of float, s
+            After the first firing, when node velocities are kept.
+
+        Raises
+        ------
+        InputError, ReadError
+            If the project or a file of it is wrong.
+        SolverError
+            If the motion is not finite or its energy grows without cause.
+
+        See Also
+        --------
+        pyblast.run : the whole chain, with checks, comparison, files and report.
+        """
+        done = simulate(
+            self.model, self.duration if duration is None else duration, progress=progress,
+            snapshot_times=[time + self.lead for time in snapshot_times],
+        )  # fmt: skip
+        snapshots = {time - self.lead: velocity for time, velocity in done.snapshots.items()}
+        return replace(done, seismograms=self.simulated(done.seismograms), snapshots=snapshots)
 
     def simulated(self, motion: Mapping[str, Seismogram]) -> dict[str, Seismogram]:
         """Return seismograms of a run of the model from the first firing, with their low-pass."""

@@ -98,7 +98,7 @@ def simulate(
     Raises
     ------
     InputError
-        If the checkpoint belongs to another model.
+        If it is no model, or the checkpoint belongs to another one.
     SolverError
         If the motion is not finite or the run is unstable.
 
@@ -125,6 +125,11 @@ def simulate(
     >>> run.seismograms["R1"].label, run.balance_error < 1e-9
     ('R1', True)
     """
+    if not isinstance(model, Model):
+        raise InputError(
+            f"simulate: needs a Model, got {type(model).__name__}; load_project reads a project "
+            "file, whose simulate() runs its model, and run takes its path"
+        )
     began = time.perf_counter()
     prepared = prepared or prepare(model, duration, progress)
     integration = _Integration(model, prepared, peaks_to)
