@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from grounds import case_on
 from library_scene import applied, first, scene, sent, shared
+from pyblast.project.ground import quality_of
 from scipy import fft
 from small_site import DT, SAMPLES, small_site
 
@@ -15,7 +16,6 @@ from pyblast.diagnosis.forward import Forward
 from pyblast.diagnosis.hypotheses import LIBRARY
 from pyblast.diagnosis.library.ground import Fabric
 from pyblast.model.anisotropy import christoffel, stiffness_of
-from pyblast.project.ground import quality_of
 
 
 def test_every_effect_lists_where_it_may_be():
