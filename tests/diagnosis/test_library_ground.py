@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from grounds import case_on
 from library_scene import applied, first, scene, sent, shared
-from pyblast.project.ground import quality_of
 from scipy import fft
 from small_site import DT, SAMPLES, small_site
 
@@ -15,6 +14,7 @@ from pyblast.config.ground import LayerConfig
 from pyblast.diagnosis.forward import Forward
 from pyblast.diagnosis.hypotheses import LIBRARY
 from pyblast.diagnosis.library.ground import Fabric
+from pyblast.ground.tables import quality_of
 from pyblast.model.anisotropy import christoffel, stiffness_of
 
 
