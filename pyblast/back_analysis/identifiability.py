@@ -9,13 +9,13 @@ import numpy as np
 from .. import core
 from ..core import JOINT_LAWS
 from ..errors import SolverError
+from ..ground.tables import joint_of_surface
 from ..inference.covariance import SCATTER, error_columns, whitener
 from ..inference.likelihood import signed_residuals
 from ..inference.nuisances import scattering
 from ..inference.records import Band, Noise
 from ..laws import of_laws
 from ..model.joint import FAILED, SLIP
-from ..project.ground import joint_of_surface
 from ..solver.preparation import LEDGER_EVERY, prepare
 from ..solver.run import collect, failure
 from ..units import split_key

@@ -14,7 +14,7 @@ from ..inference.parameter import Parameter, Problem, problem_of
 from ..inference.records import band_functions
 from ..project.inputs import NEARLY, input_band
 from ..project.places import on_ground
-from ..project.project import Project, make_project
+from ..project.project import Project
 from ..project.validity import carried_band, validity
 from ..solver.injection import near_receivers
 from ..units import plain_number
@@ -181,7 +181,7 @@ def with_receivers(project: Project, receivers) -> Project:
         for receiver in receivers
     ]
     config = project.config.model_copy(update={"receivers": configs})
-    return make_project(config, project.path, {"mesh": project.mesh})
+    return replace(project, config=config, span=project.reach, given={})
 
 
 def _on_other_mesh(project, other, receivers):

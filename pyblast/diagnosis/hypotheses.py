@@ -11,8 +11,8 @@ import numpy as np
 
 from ..core import JOINT_LAWS
 from ..errors import InputError, contained, named_error
+from ..ground.tables import quality_of
 from ..inference.parameter import Parameter
-from ..project.ground import quality_of
 from .case import Case
 from .forward import not_superposed, probe_offsets, probe_positions_inside
 from .thresholds import CHARGE_RATIO, DIRECTIONS, SECTORS
@@ -140,7 +140,7 @@ def air_over_layers(case: Case) -> str:
         if config.blast is None or np.isnan(each.blast.charge).any():
             return "there is no [blast] with a charge for each hole"
         mesh = config.mesh
-        if not mesh.layers or mesh.benches or case.project.surface is not None:
+        if not mesh.layers or mesh.benches or case.project.ground.surface is not None:
             return "the ground is not flat: give flat [[mesh.layers]]"
     return ""
 

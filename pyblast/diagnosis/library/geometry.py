@@ -10,10 +10,11 @@ from scipy.interpolate import LinearNDInterpolator, NearestNDInterpolator
 from ...config.ground import FaultConfig
 from ...config.section import with_candidate
 from ...errors import InputError
+from ...ground.tables import is_anisotropic, joint_of_surface, make_joint, make_material
 from ...model.joint import Joint
 from ...model.material import Material
-from ...project.elements import for_band, scaled, survey_positions
-from ...project.ground import is_anisotropic, joint_of_surface, make_joint, make_material
+from ...project.places import survey_positions
+from ...simulation.recipe import scaled
 from ..hypotheses import hypothesis, remeshable
 
 UPRIGHT = 90.0  # deg
@@ -33,7 +34,7 @@ BEYOND = 2.0  # box diagonals that a slope covers on either side
 def _as_meshed(project, changed):
     """Return a changed project, or None where its mesh needs another kind of zones."""
     try:
-        alike = not project.ground.mesh.hexahedral or changed.ground.mesh.hexahedral
+        alike = not project.meshed.mesh.hexahedral or changed.meshed.mesh.hexahedral
     except InputError:
         return None
     return changed if alike else None
@@ -244,7 +245,7 @@ def _cut(project, target, fault, joints):
     family = _with_listed(project)
     across = _listed(project) and all(_angle(named, each) > ALIKE for each in family)
     cut = mesh.model_copy(update={"faults": [*mesh.faults, fault]})
-    if not (across and project.ground.mesh.hexahedral):
+    if not (across and project.meshed.mesh.hexahedral):
         return _as_meshed(project, project.changed(mesh=cut, joints=joints))
     return project.changed(mesh=scaled(cut, COARSER, kind="tetrahedra"), joints=joints)
 
@@ -401,7 +402,7 @@ def partial_joint(project, target, depth):
 
 def sampled_top(case) -> str:
     """Require a top that is flat or surveyed by places, on which a slope can be added."""
-    surface = case.project.surface
+    surface = case.project.ground.surface
     if surface is not None and surface.ndim == 3:
         return (
             "the ground is given as triangles or benches: give another one in "
@@ -430,7 +431,7 @@ def directions(case) -> tuple[str, ...]:
 )
 def slope(project, target, height, position, width, turn):
     """A bench or slope is left out: the ground beyond it, in this direction, is higher or lower."""
-    survey = project.surface
+    survey = project.ground.surface
     along = _direction(45.0 * COMPASS.index(target) + math.degrees(turn))
     across = np.array([-along[1], along[0]])
     reach = BEYOND * math.hypot(*project.config.mesh.size_m[:2])
@@ -524,4 +525,4 @@ def candidate(project, target):
         materials=materials, joints=joints, mesh=config.mesh, ground=config.ground,
         boundaries=config.boundaries,
     )  # fmt: skip
-    return changed.changed(mesh=for_band(changed, _highest(project)))
+    return changed.changed(mesh=changed.for_band(_highest(project)))

@@ -9,10 +9,10 @@ import numpy as np
 from ...config.ground import FaultConfig
 from ...config.section import value_at
 from ...errors import InputError
+from ...ground.tables import is_anisotropic, quality_of
 from ...model.anisotropy import anisotropic, jointed, stiffness_of
 from ...model.joint import Joint
 from ...model.material import ConstantQ, Material
-from ...project.ground import is_anisotropic, quality_of
 from ...project.places import extent_of
 from ...project.project import Project
 from ..calibration import scaled
