@@ -1,6 +1,6 @@
 """Write the Fortran module that reads, checks and writes the arrays of a model file.
 
-python arrays.py arrays.toml kinds.f90.in model_arrays.f90
+python arrays.py arrays.toml kinds.f90.in joint_laws.f90 zone_laws.f90 model_arrays.f90
 """
 
 import re
@@ -21,6 +21,8 @@ module pyblast_model_arrays
     use pyblast_kinds
     use pyblast_batch, only : n_models => n_batch
     use pyblast_hdf5_arrays
+    use pyblast_joint_laws, only : n_joint_laws
+    use pyblast_zone_laws, only : n_zone_laws
     use pyblast_model_types, only : model_arrays, model_state, run_arrays
     implicit none
     private
@@ -153,9 +155,10 @@ def wrapped(lines, indent=8):
     return "\n".join(margin + statement for statement in broken)
 
 
-def main(table, kinds, out):
-    """Write the module of a table."""
-    constants = set(re.findall(r"parameter, public :: (\w+)", kinds.read_text(encoding="utf-8")))
+def main(table, *sources, out):
+    """Write the module of a table, with the constants that Fortran sources state."""
+    texts = (path.read_text(encoding="utf-8") for path in sources)
+    constants = {c for text in texts for c in re.findall(r"parameter, public :: (\w+)", text)}
     groups = tomllib.loads(table.read_text(encoding="utf-8"))
     rows = [
         Row(group, record, name, about, constants)
@@ -182,4 +185,5 @@ def main(table, kinds, out):
 
 
 if __name__ == "__main__":
-    main(*map(Path, sys.argv[1:]))
+    *given, target = map(Path, sys.argv[1:])
+    main(*given, out=target)

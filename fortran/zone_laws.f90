@@ -1,9 +1,13 @@
 module pyblast_zone_laws
-    !! Stress laws of zones: one number, one signature line and one routine for each law.
+    !! Stress laws of zones: one row and one routine for each law; its place in the table is its
+    !! number. The grammar of a row is that of pyblast_joint_laws, but for its KIND:
+    !!   linear   the stress is linear in the strain
+    !!   yields   linearly elastic until it yields, with a memory then; has_memory says so, too
     !!
     !! Strains are xx yy zz and the engineering shears yz zx xy; tension is positive. A law that
     !! has_memory is total: it gives the whole stress, initial stress included.
-    use pyblast_kinds, only : dp, n_zone_properties, n_zone_state
+    use, intrinsic :: ieee_arithmetic, only : ieee_quiet_nan, ieee_value
+    use pyblast_kinds, only : dp, n_zone_properties, n_zone_state, n_row
     use pyblast_elasticity, only : anisotropic, hooke, work
     use pyblast_hoek_brown, only : hoek_brown, hoek_brown_margins
     use pyblast_mohr_coulomb, only : mohr_coulomb, yield_margins
@@ -14,34 +18,39 @@ module pyblast_zone_laws
         zone_yield_margins
 
     integer, parameter, public :: isotropic_law = 1   !! linear: computed by pyblast_tet4
+    character(len=n_row), parameter :: rows(*) = [character(len=n_row) :: &
+        "elastic: | linear |", &
+        "anisotropic: c11[Pa] > 0, c12[Pa], c13[Pa], c14[Pa], c15[Pa], c16[Pa], c22[Pa] > 0, " // &
+            "c23[Pa], c24[Pa], c25[Pa], c26[Pa], c33[Pa] > 0, c34[Pa], c35[Pa], c36[Pa], " // &
+            "c44[Pa] > 0, c45[Pa], c46[Pa], c55[Pa] > 0, c56[Pa], c66[Pa] > 0 | linear |", &
+        "mohr-coulomb: cohesion[Pa] >= 0, friction[tan] >= 0, " // &
+            "dilation[tan] >= 0 <= friction = 0, " // &
+            "tension[Pa] >= 0, cohesion_residual[Pa] >= 0 = cohesion, " // &
+            "friction_residual[tan] >= 0 = friction, " // &
+            "dilation_residual[tan] >= 0 <= friction_residual = dilation, " // &
+            "tension_residual[Pa] >= 0 = tension, shear_strain[1] >= 0 = 0, " // &
+            "tensile_strain[1] >= 0 = 0 | yields | " // &
+            "excess plastic_strain plastic_shear plastic_tension", &
+        "hoek-brown: sigci[Pa] in MPa > 0, m[1] > 0, s[1] >= 0, a[1] >= 0.5 <= 1 = 0.5, " // &
+            "dilation[tan] >= 0 = 0, tension[Pa] >= 0, m_residual[1] > 0 = m, " // &
+            "s_residual[1] >= 0 = s, tension_residual[Pa] >= 0 = tension, " // &
+            "shear_strain[1] >= 0 = 0, tensile_strain[1] >= 0 = 0 | yields | " // &
+            "excess plastic_strain plastic_shear plastic_tension", &
+        "ubiquitous: normal_x[1], normal_y[1], normal_z[1], cohesion[Pa] >= 0, " // &
+            "friction[tan] >= 0, dilation[tan] >= 0 <= friction = 0, tension[Pa] >= 0 = 0 " // &
+            "| yields | " // &
+            "excess plastic_strain slip opening"]
+    integer, parameter, public :: n_zone_laws = size(rows)
 
 contains
 
     pure subroutine zone_law_signature(law, signature)
-        !! Say name, properties and state of a law: the table that Python, files and messages use.
+        !! Return the row of a law, blank beyond the last.
         integer, intent(in) :: law                     !! from 1
-        character(len=400), intent(out) :: signature   !! "name: properties | state"
+        character(len=n_row), intent(out) :: signature
 
-        select case (law)
-        case (1)
-            signature = "elastic: |"
-        case (2)
-            signature = "anisotropic: c11 c12 c13 c14 c15 c16 c22 c23 c24 c25 c26 c33 c34 c35 " &
-                // "c36 c44 c45 c46 c55 c56 c66 |"
-        case (3)
-            signature = "mohr-coulomb: cohesion friction dilation tension cohesion_residual " &
-                // "friction_residual dilation_residual tension_residual shear_strain " &
-                // "tensile_strain | excess plastic_strain plastic_shear plastic_tension"
-        case (4)
-            signature = "hoek-brown: sigci m s a dilation tension m_residual s_residual " &
-                // "tension_residual shear_strain tensile_strain | excess plastic_strain " &
-                // "plastic_shear plastic_tension"
-        case (5)
-            signature = "ubiquitous: normal_x normal_y normal_z cohesion friction dilation " &
-                // "tension | excess plastic_strain slip opening"
-        case default
-            signature = ""
-        end select
+        signature = ""
+        if (law >= 1 .and. law <= n_zone_laws) signature = rows(law)
     end subroutine zone_law_signature
 
     pure function has_memory(law) result(yes)
@@ -117,9 +126,12 @@ contains
         case (5)
             call ubiquitous_joints(property, lambda, shear, initial, strain, state, stress, stored, &
                                    lost)
-        case default
+        case (1, 2)
             stress = initial + elastic_stress(law, property, lambda, shear, strain)
             stored = 0.5_dp*work(stress - initial, strain) + work(initial, strain)
+        case default   ! a row without its case
+            stress = ieee_value(lambda, ieee_quiet_nan)
+            stored = stress(1)
         end select
     end subroutine zone_stress
 

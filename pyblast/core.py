@@ -10,10 +10,13 @@ import tomllib
 from functools import cache
 from importlib import resources
 from importlib.util import module_from_spec, spec_from_file_location
+from itertools import count
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+
+from .laws import StressLaw, TractionLaw, read_laws
 
 os.environ.setdefault("OMP_WAIT_POLICY", "passive")
 if TYPE_CHECKING:  # compiled, without type information
@@ -74,25 +77,6 @@ BATCH_AXIS = {
     for (_, name), row in ARRAYS.items()
     if "n_batch" in row["shape"]
 }
-
-
-class Law(NamedTuple):
-    """Name, number (from 0), properties and state names of a law, as declared in Fortran."""
-
-    name: str
-    number: int
-    properties: tuple[str, ...]
-    state: tuple[str, ...]
-
-
-def _laws(signature, count):
-    """Read a table of laws from the core."""
-    table = {}
-    for number in range(int(count)):
-        name, rest = signature(number + 1).decode().split(":")
-        properties, state = rest.split("|")
-        table[name] = Law(name, number, tuple(properties.split()), tuple(state.split()))
-    return table
 
 
 @cache
@@ -156,8 +140,25 @@ def _build_all(folder):
             raise ImportError(f"pyblast: can't compile its further cores:\n{last}")
 
 
-JOINT_LAWS = _laws(_core.pyblast_joint_laws.joint_law_signature, _core.pyblast_kinds.n_joint_laws)
-ZONE_LAWS = _laws(_core.pyblast_zone_laws.zone_law_signature, _core.pyblast_kinds.n_zone_laws)
+def _rows(signature):
+    """Yield the rows of a table of laws, the last one blank."""
+    return (signature(number).decode() for number in count(1))
+
+
+JOINT_LAWS = read_laws(
+    TractionLaw,
+    _rows(_core.pyblast_joint_laws.joint_law_signature),
+    SIZES["n_row"],
+    N_JOINT_PROPERTIES,
+    N_JOINT_STATE,
+)
+ZONE_LAWS = read_laws(
+    StressLaw,
+    _rows(_core.pyblast_zone_laws.zone_law_signature),
+    SIZES["n_row"],
+    N_ZONE_PROPERTIES,
+    N_ZONE_STATE,
+)
 
 
 def property_row(law, properties, width):
@@ -167,9 +168,16 @@ def property_row(law, properties, width):
     return row
 
 
-def joint_bound(law, row):
+def joint_bound(law, properties):
     """Return the largest stiffness in Pa/m and the viscosity in Pa s/m of a joint's properties."""
+    row = property_row(law, properties, N_JOINT_PROPERTIES)
     return _core.pyblast_joint_laws.joint_bound(law.number + 1, row)
+
+
+def joint_tangents(law, properties, pressure):
+    """Return kn and ks in Pa/m of a joint at rest under a pressure in Pa, zero or more."""
+    row = property_row(law, properties, N_JOINT_PROPERTIES)
+    return _core.pyblast_joint_laws.joint_tangents(law.number + 1, row, pressure)
 
 
 def n_threads():

@@ -50,6 +50,17 @@ FACTORS = {
     "mv": 1e-3,
     "v": 1.0,
 }
+# Of the properties of laws, by what the routines get: SI, "1" (pure number), "tan" (tangent of an
+# angle). Their units in project files follow, the customary one first.
+PROPERTY_UNITS = {
+    "Pa/m": ("gpa_per_m", "mpa_per_m", "pa_per_m"),
+    "Pa s/m": ("mpa_s_per_m", "pa_s_per_m"),
+    "Pa": ("kpa", "mpa", "pa"),
+    "m": ("mm", "m"),
+    "s": ("ms", "s"),
+    "tan": ("angle_deg",),
+    "1": ("",),
+}
 STEEPEST = 84.0  # degrees, of friction and dilation; larger tangents are angles in degrees
 _LONGEST_FIRST = sorted([*FACTORS, "angle_deg", "deg"], key=len, reverse=True)
 

@@ -33,7 +33,7 @@ GOALS = {
     "diagnose: most reads of a file": 1,
 }  # fmt: skip
 GIVEN = re.compile(r"\bgiven\[|\.given\b|\bgiven=")
-LAW = re.compile(r'signature = "([\w-]+):')
+LAW = re.compile(r'^ *"([\w-]+):', re.MULTILINE)
 READERS = "read", "load", "loaded", "make", "from"
 STATES = "Project", "State"
 RECORDS = "records", "comparable", "recordings"

@@ -211,7 +211,7 @@ def _errors(scores: SiteScores, rng):
         elif group in RANGES:
             half[n] = RANGES[group] / deviation[group]
     drawn = np.tensordot(rng.uniform(-half, half, (DRAWS, len(half))), nuisances.columns, 1)
-    return drawn + scores.error.blocks.draws(rng, DRAWS, 0.0, 0.0, 0.0).reshape(drawn.shape)
+    return drawn + scores.error.blocks.draws(rng, DRAWS, 0.0, 0.0).reshape(drawn.shape)
 
 
 def main(arguments):

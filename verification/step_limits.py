@@ -8,7 +8,7 @@ from scipy.sparse.linalg import LinearOperator, eigsh
 from pyblast import core
 from pyblast.errors import SolverError
 from pyblast.model.joint import Joint
-from pyblast.model.material import PLASTIC, Elastic
+from pyblast.model.material import Elastic
 from pyblast.solver.assembly import time_step
 from pyblast.solver.implicit_zones import Implicit
 from pyblast.solver.preparation import prepare
@@ -23,7 +23,7 @@ def elastic(model):
     What yields or slips makes the operator of `true_limit` neither linear nor symmetric.
     """
     materials = {
-        name: replace(rock, law=Elastic()) if rock.law.name in PLASTIC else rock
+        name: replace(rock, law=Elastic()) if rock.yields else rock
         for name, rock in model.materials.items()
     }
     joints = []

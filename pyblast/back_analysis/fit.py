@@ -34,8 +34,8 @@ from .waveforms import Window, remaining, sampled_motion
 
 ALL_LEVELS = Levels(
     scatter=(3e-5, 1e-4, 3e-4, 1e-3, 3e-3, 1e-2, 3e-2, 1e-1, 3e-1),
-    path=(1e-5, 1e-3, 1e-2, 1e-1),
     coda=(1e-5, 4e-4),
+    transfer=(1e-5, 1e-3, 1e-2, 1e-1),
     ground=(0.5, 1.0, 2.0),
 )
 FEW_LEVELS = ALL_LEVELS._replace(  # while a search is on its way

@@ -13,7 +13,8 @@ from ..inference.covariance import SCATTER, error_columns, whitener
 from ..inference.likelihood import signed_residuals
 from ..inference.nuisances import scattering
 from ..inference.records import Band, Noise
-from ..model.joint import FAILED, SLIP, STICKING_JOINTS
+from ..laws import of_laws
+from ..model.joint import FAILED, SLIP
 from ..project.ground import joint_of_surface
 from ..solver.preparation import LEDGER_EVERY, prepare
 from ..solver.run import collect, failure
@@ -293,7 +294,7 @@ def _strengths(joints, constants):
     """Return cohesion, friction and tension of every contact, infinite where none slips."""
     rows = np.tile([np.inf, 0.0, np.inf], (max(1, len(joints)), 1))
     for number, joint in enumerate(joints):
-        if joint.law in STICKING_JOINTS:
+        if JOINT_LAWS[joint.law].sticks:
             rows[number] = [joint.properties[name] for name in STRENGTH]
     return rows[constants["contact_joint"]].T
 
@@ -350,7 +351,7 @@ def _roots(shear, added, strength, loss):
 def _by_surface(joints, run, least):
     """Return the `Strength` of each joint surface."""
     constants, begun, ended = run.prepared.constants, run.prepared.state, run.state
-    sticking = [JOINT_LAWS[name].number for name in STICKING_JOINTS]
+    sticks = of_laws(JOINT_LAWS, constants["joint_law"], "sticks")
     had = begun["contact_state"][:, FAILED] > 0.0
     has = (ended["contact_state"][:, FAILED] > begun["contact_state"][:, FAILED]) | (
         ended["contact_state"][:, SLIP] != begun["contact_state"][:, SLIP]
@@ -358,7 +359,7 @@ def _by_surface(joints, run, least):
     strengths = {}
     for number, joint in enumerate(joints):
         here = constants["contact_joint"] == number
-        if constants["joint_law"][number] in sticking:
+        if sticks[number]:
             whole = here & ~had
             # Where nothing moves no factor is finite; contacts that failed before are left out.
             first = [float(np.min(row[whole], initial=np.inf)) for row in least]

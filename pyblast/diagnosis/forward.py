@@ -8,6 +8,7 @@ import numpy as np
 from scipy.interpolate import make_interp_spline
 
 from ..blasts.blast import Firing
+from ..core import JOINT_LAWS, ZONE_LAWS
 from ..errors import InputError
 from ..mesh.mesh import locate_in_zones
 from ..model.model import Model, Receiver
@@ -17,14 +18,13 @@ from ..project.ground import damages_material
 from ..project.inputs import make_input
 from ..project.places import on_ground, placed_again, refuse_outside
 from ..project.project import Project
-from ..runs.greens import LINEAR_ZONE_LAWS, PointSource, greens_functions
+from ..runs.greens import PointSource, greens_functions
 from ..runs.parallel import CachedRun, is_single, run_all
 from ..signals.seismogram import Seismogram
 from .case import Case
 from .trusted_shots import with_source
 
 MOST_MESHES = 8
-LINEAR_JOINTS = "elastic", "kelvin", "maxwell"
 
 
 @dataclass(eq=False)
@@ -258,13 +258,13 @@ def not_superposed(case: Case) -> str:
         if config.run.local_damping:
             return "under run.local_damping holes do not superpose: leave it out"
     for joint in project.joints:
-        if joint.law not in LINEAR_JOINTS:
+        if not JOINT_LAWS[joint.law].linear:
             return (
                 f"holes do not superpose across the law {joint.law!r} of joint {joint.surface}: "
                 "give the joints the law 'elastic'"
             )
     for name in ground_materials(project):
-        if project.materials[name].law.name not in LINEAR_ZONE_LAWS:
+        if not ZONE_LAWS[project.materials[name].law.name].linear:
             return f"holes do not superpose in material {name!r}, which yields: make it elastic"
     return ""
 

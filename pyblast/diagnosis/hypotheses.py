@@ -6,6 +6,7 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
+from ..core import JOINT_LAWS
 from ..errors import InputError, contained
 from ..inference.parameter import Parameter
 from ..project.flat_box import ground_materials, not_flat, quality_of
@@ -129,7 +130,7 @@ def superposed(case: Case) -> str:
 def elastic_joints(case: Case) -> str:
     """Require an elastic joint, if there are joints."""
     laws = {joint.surface: joint.law for joint in case.project.joints}
-    if not laws or "elastic" in laws.values():
+    if not laws or any(JOINT_LAWS[law].elastic for law in laws.values()):
         return ""
     name, law = next(iter(laws.items()))
     return (

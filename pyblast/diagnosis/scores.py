@@ -16,7 +16,6 @@ from ..inference.nuisances import (
     Linearised,
     moving_columns,
     nuisances_of,
-    transfer_columns,
 )
 from ..inference.parameter import STIFFNESS, kind_of_key
 from .case import Case
@@ -293,8 +292,7 @@ def error_of(scene: Scene, members: Sequence[Member] = ()) -> ErrorModel:
         "attenuation": [priors.inverse_q * lost],
     }
     own = moving_columns(parts, simulated.shape)
-    every = own + shared + transfer_columns(motion, band)
-    return ErrorModel(record_blocks(case, motion), every, LEVELS)
+    return ErrorModel(record_blocks(case, motion), own + shared, LEVELS)
 
 
 def _late_holes(scene):

@@ -9,7 +9,7 @@ import numpy as np
 from scipy import linalg
 
 from ..errors import InputError
-from .nuisances import Nuisances, mesh_columns, nuisances, scattering, shaped
+from .nuisances import Nuisances, mesh_columns, nuisances, scattering
 from .records import Band, Noise, Records, symmetric_root
 
 SCATTER = "scatter"
@@ -230,18 +230,17 @@ def error_columns(motion, band: Band, mesh_errors=()) -> Nuisances:
 
 
 MEMORY = 0.2  # s, decay time of the power of a coda
-N_PATH = 6  # cosines over log frequency of a transfer error, in and out of phase
 
 
 @dataclass(frozen=True, eq=False)
 class RecordBlocks:
-    """Covariance of the errors of each record by levels: noise, scattering, transfer error, coda.
+    """Covariance of the errors of each record by levels: noise, scattering, coda.
 
     Parameters
     ----------
     noise : (n_blasts, n_receivers, 3 n_functions, 3 n_functions) float64, (m/s)2
         One on the diagonal where a function is lost.
-    scatter, path, coda : (n_blasts, n_receivers, 3, n_functions, n_functions) float64, (m/s)2
+    scatter, coda : (n_blasts, n_receivers, 3, n_functions, n_functions) float64, (m/s)2
         At a level of one: with the energy of the simulated motion of each channel.
     energy : (n_blasts, n_receivers) float64, (m/s)2
         Of the records.
@@ -251,21 +250,20 @@ class RecordBlocks:
 
     noise: np.ndarray
     scatter: np.ndarray
-    path: np.ndarray
     coda: np.ndarray
     energy: np.ndarray
     noise_energy: np.ndarray
 
-    def whiten(self, rows, scatter: float, path: float, coda: float) -> tuple[np.ndarray, float]:
+    def whiten(self, rows, scatter: float, coda: float) -> tuple[np.ndarray, float]:
         """Return rows (k, n_blasts, n_receivers, 3 n_functions) whitened, and the log determinant.
 
         Parameters
         ----------
         rows : array
-        scatter, path, coda : float
+        scatter, coda : float
             Levels, in shares of the energy of each channel.
         """
-        roots = np.linalg.cholesky(self._total(scatter, path, coda))
+        roots = np.linalg.cholesky(self._total(scatter, coda))
         logarithm = 2.0 * np.sum(np.log(np.diagonal(roots, axis1=-2, axis2=-1)))
         return _each(np.linalg.inv(roots), rows), float(logarithm)
 
@@ -295,10 +293,10 @@ class RecordBlocks:
         roots = np.linalg.cholesky(self._total(*shares))
         return _each(roots, rng.standard_normal((n, *roots.shape[:3])))
 
-    def _total(self, scatter, path, coda):
+    def _total(self, scatter, coda):
         """Return the covariance of each record, of the shape of the noise."""
         n = self.scatter.shape[-1]
-        errors = scatter * self.scatter + path * self.path + coda * self.coda
+        errors = scatter * self.scatter + coda * self.coda
         total = self.noise.copy()
         for c in range(3):
             each = slice(c * n, (c + 1) * n)
@@ -331,13 +329,9 @@ def record_blocks(records: Records, motion) -> RecordBlocks:
     lost = np.where(power > 0.0, 0.0, 1.0)
     held, recorded = band.project(motion), band.project(records.motion)
     energy = np.sum(held**2, axis=-1)
-    parts = shaped(motion, band, range(N_PATH), (1.0, 1j))
-    each = np.maximum(np.sum(parts**2, axis=-1, keepdims=True), np.finfo(float).tiny)
-    parts = parts * np.sqrt(energy[..., None] / each / len(parts))
     return RecordBlocks(
         noise + lost[..., None] * np.eye(size),
         _of_energy(scattering(motion, band), energy),
-        np.einsum("kbrci,kbrcj->brcij", parts, parts),
         _of_energy(scattering(motion, band, MEMORY), energy),
         np.sum(recorded**2, axis=(-2, -1)),
         np.sum(power, axis=-1),

@@ -21,15 +21,14 @@ class Level(NamedTuple):
 
     Parameters
     ----------
-    scatter, path, coda, transfer : float
-        Shares of the energy of each channel: scattered motion, a smooth transfer error of each
-        record, scattering that dies out slowly, and a transfer error that all blasts share.
+    scatter, coda, transfer : float
+        Shares of the energy of each channel: scattered motion, scattering that dies out slowly,
+        and a smooth transfer error that all blasts share.
     ground, nuisance : float
         Factors on the prior standard deviations of columns of ground, and of all others and these.
     """
 
     scatter: float
-    path: float = 0.0
     coda: float = 0.0
     transfer: float = 0.0
     ground: float = 1.0
@@ -45,7 +44,6 @@ class Levels(NamedTuple):
     """Grid of levels of model error, all with one prior weight; see `Level`."""
 
     scatter: tuple[float, ...]
-    path: tuple[float, ...] = (0.0,)
     coda: tuple[float, ...] = (0.0,)
     transfer: tuple[float, ...] = (0.0,)
     ground: tuple[float, ...] = (1.0,)
@@ -64,7 +62,7 @@ class Posterior:
     prior : (n,) float64
         Standard deviations around zero.
     level : float
-        Learned model error: share of the energy that scatter, path, coda and transfer errors take
+        Learned model error: share of the energy that scatter, coda and transfer error take
         together.
     log_evidence : float
         Averaged over the levels, up to a constant of the records.
@@ -197,8 +195,8 @@ class ErrorModel:
 
     Notes
     -----
-    ``C = N + f S + p T + q K + J J^T``: theory.md (12.5), (14.10). Everything is linear: what is
-    asked for is a row, and one elimination of the columns at each level answers for all rows.
+    ``C = N + f S + q K + p T T^T + k^2 J J^T``: theory.md (12.5), (14.10). Everything is linear:
+    what is asked for is a row, and one elimination of the columns at each level answers for all.
     """
 
     blocks: RecordBlocks
@@ -250,8 +248,9 @@ class ErrorModel:
         covariance = np.tensordot(weight, covariances, 1)
         covariance = covariance + np.einsum("l,li,lj->ij", weight, spread, spread)
         groups = self.nuisances.groups
-        moved = np.tensordot(nuisances[best] * at[best].scale(groups), self.nuisances.columns, 1)
-        shares = [np.sum(level[:4]) for level in at]
+        scale = at[best]._replace(transfer=0.0).scale(groups)  # which is no nuisance but an error
+        moved = np.tensordot(nuisances[best] * scale, self.nuisances.columns, 1)
+        shares = [np.sum(level[:3]) for level in at]
         return Posterior(
             mean * prior, covariance * np.outer(prior, prior), prior,
             float(np.exp(weight @ np.log(shares))),
@@ -309,7 +308,7 @@ class ErrorModel:
         moved = np.tensordot(
             rng.standard_normal((n, len(scale))) * scale, self.nuisances.columns, 1
         )
-        return moved + self.blocks.draws(rng, n, *at[:3]).reshape(moved.shape)
+        return moved + self.blocks.draws(rng, n, *at[:2]).reshape(moved.shape)
 
     def _eliminated(self, rows) -> Iterator[_Eliminated]:
         """Yield the products of rows (n_rows, ...) at each level."""
@@ -321,7 +320,7 @@ class ErrorModel:
             self.levels.ground if GROUND in groups else (1.0,),
             self.levels.nuisance,
         ))  # fmt: skip
-        for shares in product(*self.levels[:3]):
+        for shares in product(*self.levels[:2]):
             white, log_determinant = self.blocks.whiten(rows, *shares)
             white = white.reshape(len(rows), -1)
             gram = white @ white.T

@@ -454,7 +454,8 @@ def nuisances_of(
     -------
     Nuisances
         Of what a source sends, what the better mesh leaves, trigger, clocks, places of receivers,
-        firing times, and ground that differs between receivers and frequencies.
+        firing times, ground that differs between receivers and frequencies, and a transfer error
+        of each receiver.
     (n_blasts, n_receivers, 3, n_functions) float64
         By a unit of 1/Q.
 
@@ -474,7 +475,8 @@ def nuisances_of(
     holes, lost = hole_columns(motion, firings, band, 1e-3 * priors.firing_ms, by_hole)
     uneven = [n for n, kind in enumerate(around.kinds) if kind in UNEVEN]
     deviations = [UNEVEN[around.kinds[n]] for n in uneven]
-    return own + survey + holes + random_slopes(around.slopes[uneven], deviations, band), lost
+    ground = random_slopes(around.slopes[uneven], deviations, band)
+    return own + survey + holes + ground + transfer_columns(motion, band), lost
 
 
 def firings_of(blast: Project, receivers: Sequence[str]) -> Firings | None:

@@ -5,45 +5,10 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from ..core import JOINT_LAWS, N_JOINT_PROPERTIES, joint_bound, property_row
+from ..core import JOINT_LAWS, joint_bound, joint_tangents
 from ..errors import InputError
-from ..units import check_stiffness, check_tangent
 
-FOLLOWED = {
-    "cohesion_residual": ("cohesion", 1.0),
-    "friction_residual": ("friction", 1.0),
-    "friction_initial": ("friction", 1.0),
-}
-DEFAULTS = {
-    "coulomb": {"tension_residual": 0.0, "dilation": 0.0, "dilation_slip": 0.0},
-    "softening": {"cohesion": 0.0, "tension": 0.0},
-    "closure": {"irrecoverable": 0.0, "cohesion": math.inf, "friction": 0.0},
-    "barton_bandis": {"irrecoverable": 0.0},
-    "stress_dependent": {"cohesion": math.inf, "friction": 0.0},
-}
-STIFFEST = {"closure": 100.0, "barton_bandis": 100.0, "stress_dependent": 10.0}
-POSITIVE = (
-    "kn", "ks", "closure", "weakening_slip", "jcs", "peak_slip", "pressure", "roughness",
-)  # fmt: skip
-TANGENTS = (
-    "friction", "friction_residual", "friction_initial", "friction_dynamic", "dilation",
-)  # fmt: skip
-STICKING_JOINTS = ("coulomb", "softening")  # linear while no contact slips or opens
-SLIP, FAILED, STATUS = slice(0, 3), 3, 4  # columns of their state
-# States that belong to the displacement, which is zero at the start of a stage.
-RESET = (
-    *("slip_x", "slip_y", "slip_z", "excess_x", "excess_y", "excess_z"),
-    *("rate_x", "rate_y", "rate_z", "dilated", "started"),
-)
-# Tangents of which the first must not exceed the second: dilation would create energy, and
-# weakening would strengthen the joint.
-UPPER_LIMITS = (("dilation", "friction_residual"), ("friction_dynamic", "friction"))
-
-
-def may_be_left_out(law: str) -> set[str]:
-    """Return the names of the optional properties of a law."""
-    return {*FOLLOWED, *DEFAULTS.get(law, {}), *(("kn_max",) if law in STIFFEST else ())}
-
+SLIP, FAILED, STATUS = slice(0, 3), 3, 4  # columns of the state of joints that stick
 
 # Ranges of thickness in m, of kn and of ks in Pa/m of clay infill: Infanti & Kanji (1978) as in
 # table 3 of Babanouri et al. (2013). Its last row says kn > 0.5 GPa/m, an error of the text by its
@@ -111,16 +76,15 @@ class Joint:
     law : str
         A name of ``pyblast.core.JOINT_LAWS``; theory.md section 3.
     properties : dict of str to float
-        In SI, friction and dilation as tangents. Defaults: residual and initial strengths equal
-        the peak, residual tension and dilation are zero, ``kn_max`` is 100 ``kn`` for a closing
-        and 10 ``kn`` for a stress-dependent joint, and these two do not slip.
+        In SI, friction and dilation as tangents; those left out have the defaults of the law,
+        ``JOINT_LAWS[law].properties``.
     insitu_pressure : float, Pa
         Normal pressure before the blast; a static stage replaces it.
     insitu_shear : (3,) float, Pa
         Shear traction before the blast, on the side behind the normal; only the part in the plane
         is used, and a static stage replaces it.
     fill_mass : float, kg/m2
-        Mass of a fill per area, half of it on each side; see `thick_fill`.
+        Mass of a fill per area, half of it on each side; theory.md (3.20).
 
     Raises
     ------
@@ -143,23 +107,12 @@ class Joint:
     fill_mass: float = 0.0
 
     def __post_init__(self) -> None:
-        """Fill in defaults and check the properties."""
+        """Take the defaults of the law and check all values."""
         where = f"joints.{self.surface}"
         if self.law not in JOINT_LAWS:
             raise InputError(f"{where}.law: must be one of {', '.join(JOINT_LAWS)}, got {self.law}")
-        names = JOINT_LAWS[self.law].properties
-        values = self._with_defaults(names)
-        for name in values:
-            if name not in names:
-                raise InputError(
-                    f"{where}.{name}: unknown to '{self.law}'; it has {' '.join(names)}"
-                )
-        for name in names:
-            if values.get(name) is None:
-                raise InputError(f"{where}.{name}: missing; the law '{self.law}' needs it")
-            endless = name == "dilation_slip" or DEFAULTS.get(self.law, {}).get(name) == math.inf
-            _check_value(f"{where}.{name}", name, values[name], endless)
-        _check_together(where, self.law, values)
+        values = JOINT_LAWS[self.law].complete(where, self.properties)
+        object.__setattr__(self, "properties", values)
         if not (math.isfinite(self.insitu_pressure) and self.insitu_pressure >= 0.0):
             raise InputError(
                 f"{where}.insitu_pressure: must not be negative, got {self.insitu_pressure:g} Pa"
@@ -173,106 +126,17 @@ class Joint:
             raise InputError(
                 f"{where}.insitu_shear: must be three finite numbers, got {self.insitu_shear}"
             )
-        object.__setattr__(self, "properties", {name: float(values[name]) for name in names})
-
-    def _with_defaults(self, names):
-        """Return the properties with defaults."""
-        values = {
-            name: factor * self.properties[other]
-            for name, (other, factor) in FOLLOWED.items()
-            if name in names and other in self.properties
-        }
-        values |= DEFAULTS.get(self.law, {})
-        if self.law in STIFFEST and "kn" in self.properties:
-            values["kn_max"] = STIFFEST[self.law] * self.properties["kn"]
-        return values | self.properties
 
     def tangents(self, pressure: float) -> tuple[float, float]:
         """Return the tangent stiffnesses kn and ks in Pa/m under a normal pressure in Pa.
 
         theory.md (3.8), (3.10); for a closing joint on the loading path.
         """
-        kn, ks = self.properties["kn"], self.properties["ks"]
-        pressure = max(0.0, pressure)
-        if self.law == "stress_dependent":
-            share = (pressure / self.properties["pressure"]) ** self.properties["exponent"]
-            share = min(max(share, 0.01), self.properties["kn_max"] / kn)
-            return share * kn, share * ks
-        if "closure" in self.properties:
-            stiffer = kn * (1.0 + pressure / (kn * self.properties["closure"])) ** 2
-            return min(stiffer, self.properties["kn_max"]), ks
-        return kn, ks
+        return joint_tangents(JOINT_LAWS[self.law], self.properties, max(0.0, pressure))
 
     def bound(self) -> tuple[float, float]:
         """Return the largest stiffness in Pa/m and the viscosity in Pa s/m."""
-        law = JOINT_LAWS[self.law]
-        return joint_bound(law, property_row(law, self.properties, N_JOINT_PROPERTIES))
-
-
-def _check_value(where, name, value, may_be_infinite):
-    """Raise InputError for a property out of range."""
-    strictly = name in POSITIVE
-    if may_be_infinite and value == math.inf:
-        return
-    if not (math.isfinite(value) and value >= 0.0) or (strictly and value == 0.0):
-        raise InputError(f"{where}: must be positive and finite, got {value:g}")
-    if name in ("kn", "ks"):
-        check_stiffness(where, value)
-    if name in TANGENTS:
-        check_tangent(where, value)
-
-
-def _check_together(where, law, values):
-    """Raise InputError for inconsistent properties."""
-    if "kn_max" in values and not values["kn_max"] > values["kn"]:
-        raise InputError(
-            f"{where}.kn_max: must exceed kn of {values['kn']:g} Pa/m, got {values['kn_max']:g}"
-        )
-    if values.get("irrecoverable", 0.0) > 0.9:
-        raise InputError(
-            f"{where}.irrecoverable: must lie in 0 to 0.9, got {values['irrecoverable']:g}"
-        )
-    if values.get("dilation", 0.0) > 0.0 and values["dilation_slip"] == 0.0:
-        raise InputError(
-            f"{where}.dilation_slip: missing beside dilation; give the slip at which it ends"
-        )
-    for low, high in UPPER_LIMITS:
-        if low in values and values[low] > values[high]:
-            raise InputError(
-                f"{where}.{low}: must not exceed {high} of {values[high]:g}, got {values[low]:g}"
-            )
-    if law == "yielding" and values["friction_initial"] < values["friction"]:
-        raise InputError(
-            f"{where}.friction_initial: must not be below friction of {values['friction']:g}, "
-            f"got {values['friction_initial']:g}"
-        )
-    if law == "maxwell" and not min(values["eta_n"], values["eta_s"]) > 0.0:
-        raise InputError(f"{where}.eta_n, eta_s: must be positive, got zero; use 'elastic' instead")
-
-
-def thick_fill(
-    surface: str,
-    density: float,
-    cp: float,
-    cs: float,
-    thickness: float,
-    insitu_pressure: float = 0.0,
-) -> Joint:
-    """Return an elastic joint with the stiffness and mass of a thin layer of fill.
-
-    Parameters
-    ----------
-    surface : str
-    density : float, kg/m3
-    cp, cs : float, m/s
-    thickness : float, m
-        The error of the transmitted wave is below 3 % up to a phase of 0.3 across the layer; mesh
-        thicker fills as zones. theory.md (3.20).
-    insitu_pressure : float, Pa
-    """
-    stiffness = {"kn": density * cp**2 / thickness, "ks": density * cs**2 / thickness}
-    mass = density * thickness
-    return Joint(surface, "elastic", stiffness, insitu_pressure, fill_mass=mass)
+        return joint_bound(JOINT_LAWS[self.law], self.properties)
 
 
 def saturated(joint: Joint, aperture: float, fluid_bulk: float = 2.2e9) -> Joint:
@@ -285,7 +149,7 @@ def saturated(joint: Joint, aperture: float, fluid_bulk: float = 2.2e9) -> Joint
     InputError
         If the aperture is not positive, or the stiffness of the law depends on pressure.
     """
-    if joint.law in STIFFEST:
+    if JOINT_LAWS[joint.law].stiffens:
         raise InputError(
             f"joints.{joint.surface}.law: '{joint.law}' has no stiffness of its own that a fluid "
             "could add to; use 'elastic' or 'coulomb'"
@@ -307,5 +171,6 @@ def carried_over(law: np.ndarray, contact_state: np.ndarray) -> np.ndarray:
     """
     reset = np.zeros((len(JOINT_LAWS), contact_state.shape[1]), dtype=bool)
     for joint_law in JOINT_LAWS.values():
-        reset[joint_law.number, : len(joint_law.state)] = np.isin(joint_law.state, RESET)
+        begins = [name in joint_law.at_zero for name in joint_law.state]
+        reset[joint_law.number, : len(joint_law.state)] = begins
     return np.where(reset[law], 0.0, contact_state)

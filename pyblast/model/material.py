@@ -10,13 +10,13 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike
 
+from ..core import ZONE_LAWS
 from ..errors import InputError
 from ..units import check_density, check_modulus, check_speed, check_tangent
 
 MECHANISMS = 3  # relaxation mechanisms of a constant Q
 HALVINGS = 10  # of the interval in which the nearest possible quality lies
 FIT_POINTS = 60  # frequencies of its fit
-PLASTIC = ("mohr-coulomb", "hoek-brown", "ubiquitous")  # laws of ground that yields
 INSIDE = np.geomspace(0.5, 1.5, 12)  # first relaxation rate over the low end of the band
 
 
@@ -403,6 +403,11 @@ class Material:
             )
         shear = density * cs**2
         return cls(density, density * cp**2 - 4.0 / 3.0 * shear, shear, **strength)
+
+    @property
+    def yields(self) -> bool:
+        """Whether it is elastic until it yields: its law is plastic."""
+        return ZONE_LAWS[self.law.name].yields
 
     @property
     def first_lame(self) -> float:

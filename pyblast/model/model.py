@@ -14,7 +14,7 @@ from ..units import check_angle
 from .boundary import Boundary, SpongeLayer, StressInput, Viscous, check_boundaries
 from .ground_fields import GroundField
 from .joint import Joint
-from .material import PLASTIC, Branch, Damping, Material, ZoneLaw
+from .material import Branch, Damping, Material, ZoneLaw
 from .source import Source
 
 HEX_NODES = 5.0  # of hexahedra per S wavelength, for an error of about one per cent
@@ -310,7 +310,7 @@ class Model:
 
     def yielding(self) -> np.ndarray:
         """Return whether the law of each zone is plastic, (n_zones,) bool."""
-        yields = [self.law(group).name in PLASTIC for group in self.mesh.groups]
+        yields = [self.materials[group].yields for group in self.mesh.groups]
         return np.array(yields)[self.mesh.zone_group]
 
     def patches(self) -> np.ndarray:

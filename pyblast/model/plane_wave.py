@@ -9,7 +9,6 @@ import numpy as np
 from ..errors import InputError
 from ..mesh.mesh import surface_areas, surface_zones
 from .boundary import Viscous
-from .material import PLASTIC
 from .model import Model
 from .source import PlaneWave, TimeFunction
 
@@ -162,8 +161,9 @@ def _medium(model, surfaces):
     media = {b.surface: b.media for b in model.boundaries if isinstance(b, Viscous)}
     for group in {model.mesh.groups[n] for n in model.mesh.zone_group[zones]}:
         for surface in surfaces:
-            law = (media[surface].get(group) or model.materials[group]).law
-            if law.name not in ("elastic", *PLASTIC) or law.branches:
+            rock = media[surface].get(group) or model.materials[group]
+            law = rock.law
+            if not (rock.yields or law.name == "elastic") or law.branches:
                 raise InputError(
                     f"plane_wave: needs ground behind {surface!r} that is isotropic and does not "
                     f"attenuate, got the law {type(law).__name__} of '{group}'"

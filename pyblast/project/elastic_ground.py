@@ -5,18 +5,18 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.sparse.csgraph import connected_components
 
+from ..core import JOINT_LAWS
 from ..errors import Finding, InputError
 from ..mesh.mesh import locate_in_zones, zone_edge_lengths
 from ..model.ground_fields import elastic_radius, near_groups, near_joints
 from ..model.joint import Joint
-from ..model.material import PLASTIC, Damping, Elastic
+from ..model.material import Damping, Elastic
 from ..model.model import Model
 from ..model.source import Column, Hole, MomentTensor
 from ..solver.initial_stress import insitu_stress, joint_pressures
 from ..units import plain_number
 
 SUFFIX = " (elastic)"
-LINEAR_JOINTS = ("elastic", "kelvin", "maxwell")
 INSTANTS = 2000  # of the sum of moments
 ALWAYS_ELASTIC = Damping(0.0, 1.0)
 HALF_WAY = 0.5
@@ -71,8 +71,8 @@ def elastic_ground(model: Model, stated: float | None = None) -> ElasticGround |
     largest sum over time of the moments of sources whose elastic grounds touch.
     """
     sources = [s for s in model.sources if isinstance(s, (Hole, Column, MomentTensor))]
-    yields = any(material.law.name in PLASTIC for material in model.materials.values())
-    slips = any(joint.law not in LINEAR_JOINTS for joint in model.joints)
+    yields = any(material.yields for material in model.materials.values())
+    slips = not all(JOINT_LAWS[joint.law].linear for joint in model.joints)
     if not sources or not (yields or slips):
         return None
     ends = np.array([_ends(source) for source in sources])
@@ -145,7 +145,7 @@ def _moments(sources):
 
 def _strength(material):
     """Return the strength of a material, of its law or as given for the checks."""
-    if material.law.name in PLASTIC:
+    if material.yields:
         return material.law.properties(material)
     return {name: getattr(material, name) for name in ("cohesion", "friction", "tension")}
 
@@ -157,12 +157,12 @@ def with_elastic_ground(model: Model, ground: ElasticGround | None) -> Model:
     pressures = joint_pressures(model)
     near = ground.beyond(model.mesh.points[model.mesh.zones].mean(axis=1)) <= 0.0
     mesh = near_groups(model.mesh, near, SUFFIX)
-    slipping = [joint for joint in model.joints if joint.law not in LINEAR_JOINTS]
+    slipping = [joint for joint in model.joints if not JOINT_LAWS[joint.law].linear]
     mesh = near_joints(mesh, ground.beyond, SUFFIX, [joint.surface for joint in slipping])
     materials, damping = dict(model.materials), model.damping
     for name in mesh.groups[len(model.mesh.groups) :]:
         rock = model.materials[name.removesuffix(SUFFIX)]
-        materials[name] = replace(rock, law=Elastic()) if rock.law.name in PLASTIC else rock
+        materials[name] = replace(rock, law=Elastic()) if rock.yields else rock
     if damping is not None:
         known = damping if isinstance(damping, dict) else dict.fromkeys(model.mesh.groups, damping)
         damping = {name: known.get(name, ALWAYS_ELASTIC) for name in mesh.groups}

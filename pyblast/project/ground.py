@@ -9,12 +9,11 @@ from ..core import JOINT_LAWS
 from ..errors import InputError, named_error
 from ..mesh.builder import Fault, JointSet, Layer, build_mesh, structured_box
 from ..mesh.grid import SIDES, Geometry, upward_normal
-from ..mesh.importer import read_mesh
 from ..mesh.mesh import Mesh, inner_facets, surface_faces
 from ..model.anisotropy import HoekBrown, UbiquitousJoints, jointed, transverse
 from ..model.boundary import Fixed, FreeField, Roller, Viscous
 from ..model.ground_fields import DamagedZone, Gradient, Heterogeneity, damaged_group
-from ..model.joint import POSITIVE, Joint, may_be_left_out, saturated
+from ..model.joint import Joint, saturated
 from ..model.material import ConstantQ, Damping, Elastic, Material, MohrCoulomb
 from ..model.model import InSitu
 from ..units import plain_number, split_key, to_si
@@ -77,21 +76,6 @@ def _damaged(part, blast):
     return DamagedZone(holes, part.reduction, part.length_m)
 
 
-_STIFFNESSES = ("gpa_per_m", "mpa_per_m", "pa_per_m")
-_LENGTHS = ("mm", "m")
-_UNITS = {
-    **dict.fromkeys(("kn", "ks", "kn_max"), _STIFFNESSES),
-    **dict.fromkeys(("closure", "dilation_slip", "weakening_slip", "peak_slip"), _LENGTHS),
-    **dict.fromkeys(("friction", "friction_residual", "friction_dynamic"), ("angle_deg",)),
-    **dict.fromkeys(("friction_initial", "dilation"), ("angle_deg",)),
-    **dict.fromkeys(("eta_n", "eta_s"), ("mpa_s_per_m", "pa_s_per_m")),
-    **dict.fromkeys(("irrecoverable", "jrc", "exponent"), ("",)),
-    "roughness": _LENGTHS,
-    "jcs": ("mpa", "kpa", "pa"),
-}
-_PRESSURES = ("kpa", "mpa", "pa")
-
-
 def make_joint(where, surface, config):
     """Turn a `JointConfig` into the `Joint` of one surface.
 
@@ -102,22 +86,20 @@ def make_joint(where, surface, config):
     """
     if config.law not in JOINT_LAWS:
         raise InputError(f"{where}.law: must be one of {', '.join(JOINT_LAWS)}, got {config.law!r}")
-    names = JOINT_LAWS[config.law].properties
+    law = JOINT_LAWS[config.law]
     properties = {}
     for key, value in (config.model_extra or {}).items():
         stem, unit = split_key(key)
-        wanted = _UNITS.get(stem, _PRESSURES)
-        if stem not in names or unit not in wanted:
-            raise InputError(f"{where}.{key}: unknown key; {_proposal(key, names)}")
-        if not value > 0.0 and stem in POSITIVE:
-            raise InputError(f"{where}.{key}: must be positive, got {plain_number(value, 6)}")
-        if value < 0.0:
-            raise InputError(f"{where}.{key}: must not be negative, got {plain_number(value, 6)}")
+        if stem not in law.properties or unit not in law.properties[stem].file_units:
+            raise InputError(f"{where}.{key}: unknown key; {_proposal(key, law)}")
+        if not law.properties[stem].has_sign(value):
+            sign = law.properties[stem].sign
+            raise InputError(f"{where}.{key}: {sign}, got {plain_number(value, 6)}")
         with named_error(where):
             properties[stem] = to_si(key, value)[1]
-    for name in names:
-        if name not in properties and name not in may_be_left_out(config.law):
-            raise InputError(f"{where}.{_key(name)}: missing; add it")
+    for name, prop in law.properties.items():
+        if name not in properties and prop.default is None:
+            raise InputError(f"{where}.{prop.key}: missing; add it")
     pressure = to_si("pressure_kpa", config.insitu_pressure_kpa)[1]
     mass = 0.0
     if config.fill_density_kg_per_m3 is not None:
@@ -129,15 +111,10 @@ def make_joint(where, surface, config):
     return saturated(joint, to_si("aperture_mm", config.water_aperture_mm)[1])
 
 
-def _key(name):
-    """Return the key of a property with its first unit."""
-    return f"{name}_{_UNITS.get(name, _PRESSURES)[0]}".rstrip("_")
-
-
-def _proposal(key, names):
-    """Propose a known key."""
-    known = {name: _key(name) for name in names}
-    stems = sorted((name for name in names if key.startswith(f"{name}_")), key=len)
+def _proposal(key, law):
+    """Propose a known key of a law."""
+    known = {name: prop.key for name, prop in law.properties.items()}
+    stems = sorted((name for name in known if key.startswith(f"{name}_")), key=len)
     near = [known[stems[-1]]] if stems else get_close_matches(key, known.values(), n=1)
     return f"did you mean {near[0]!r}?" if near else f"known are {', '.join(known.values())}"
 
@@ -416,6 +393,8 @@ def make_mesh(config, materials, folder, surface=None, log=None, relief=np.inf) 
         Largest distance of the ground from its survey; see `build_mesh`.
     """
     if config.file is not None:
+        from ..mesh.importer import read_mesh
+
         return read_mesh(
             folder / config.file, config.file_groups or None, [*config.file_joints], log
         )

@@ -11,11 +11,12 @@ import numpy as np
 import scipy
 import scipy.sparse
 
-from ..core import BATCH_SIZE, JOINT_LAWS
+from ..core import BATCH_SIZE, JOINT_LAWS, ZONE_LAWS
 from ..errors import InputError
+from ..laws import of_laws
 from ..mesh.mesh import locate_in_zones
 from ..model.boundary import StressInput, VelocityInput
-from ..model.joint import FAILED, SLIP, STATUS, STICKING_JOINTS
+from ..model.joint import FAILED, SLIP, STATUS
 from ..model.model import Model, Receiver
 from ..model.source import Column, Hole, MomentTensor, PointForce, TimeFunction
 from ..signals.seismogram import Seismogram, fast_length
@@ -28,8 +29,6 @@ from .parallel import Cache, input_hash, run_loads
 PointSource = Hole | Column | MomentTensor | PointForce
 CHARGES = (Hole, Column)
 KINDS = (*CHARGES, MomentTensor, PointForce)
-LINEAR_JOINT_LAWS = ("elastic", "kelvin", "maxwell", *STICKING_JOINTS)
-LINEAR_ZONE_LAWS = ("elastic", "anisotropic")
 NONE = TimeFunction(np.zeros(2), 1.0)
 PER_LOAD = ("load_node", "load_vector", "load_delay", "load_member")
 
@@ -125,13 +124,14 @@ def refuse_what_does_not_superpose(model: Model) -> None:
         Naming the part.
     """
     for joint in model.joints:
-        if joint.law not in LINEAR_JOINT_LAWS:
+        if not JOINT_LAWS[joint.law].superposes:
+            known = ", ".join(name for name, law in JOINT_LAWS.items() if law.superposes)
             raise InputError(
                 f"joints.{joint.surface}.law: holes do not superpose across '{joint.law}'; take "
-                f"one of {', '.join(LINEAR_JOINT_LAWS)}, or run each blast as a whole"
+                f"one of {known}, or run each blast as a whole"
             )
     for group in model.mesh.groups:
-        if model.law(group).name not in LINEAR_ZONE_LAWS:
+        if not ZONE_LAWS[model.law(group).name].linear:
             raise InputError(
                 f"materials.{group}: holes do not superpose in ground of the law "
                 f"'{model.law(group).name}'; take elastic ground, or run each blast as a whole"
@@ -166,13 +166,13 @@ def refuse_slip(model: Model, prepared: Prepared, state: dict[str, Any]) -> None
     InputError
         Naming the joint and the number of contacts.
     """
-    law = prepared.constants["joint_law"]
+    sticks = of_laws(JOINT_LAWS, prepared.constants["joint_law"], "sticks")
     begun, ended = prepared.state["contact_state"], state["contact_state"]
     moved = (ended[:, SLIP] != 0.0).any(axis=1) | (ended[:, STATUS] > 0.0)
     moved |= ended[:, FAILED] > begun[:, FAILED]
     for number, joint in enumerate(model.numbered_joints):
         here = prepared.constants["contact_joint"] == number
-        if law[number] in [JOINT_LAWS[name].number for name in STICKING_JOINTS]:
+        if sticks[number]:
             count = np.count_nonzero(moved & here)
             if count:
                 raise InputError(
@@ -425,7 +425,7 @@ def _choose(side, units, n_source, receivers):
 
 def _check_no_slip(model, duration, folder):
     """Run the blast of a model with frictional joints; raise InputError if a contact slips."""
-    if not any(joint.law in STICKING_JOINTS for joint in model.joints):
+    if not any(JOINT_LAWS[joint.law].sticks for joint in model.joints):
         return ""
     key = input_hash("no slip", model, duration) if folder is not None else ""
     cache = Cache(folder) if folder is not None else None

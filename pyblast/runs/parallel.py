@@ -24,8 +24,8 @@ import scipy
 from .. import core
 from ..core import JOINT_LAWS, LEAST_SHARED
 from ..errors import InputError, LostProcessError, ReadError, SolverError
+from ..laws import of_laws
 from ..mesh.nodes import feed
-from ..model.joint import STICKING_JOINTS
 from ..model.model import Model
 from ..signals.seismogram import Seismogram
 from ..solver.assembly import initial_state
@@ -425,11 +425,11 @@ STRETCH_VALUES = 2**23  # numbers in one stretch: 64 MB
 
 def at_rest(constants: dict[str, Any]) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
     """Return constants and state of a linear model at rest, without loads and initial stress."""
-    number = {name: law.number for name, law in JOINT_LAWS.items()}
-    sticking = np.isin(constants["joint_law"], [number[name] for name in STICKING_JOINTS])
+    law = constants["joint_law"]
+    sticks = of_laws(JOINT_LAWS, law, "sticks")
     unloaded = {
         **constants,
-        "joint_law": np.where(sticking, number["elastic"], constants["joint_law"]).astype("i4"),
+        "joint_law": np.where(sticks, JOINT_LAWS["elastic"].number, law).astype("i4"),
         **{n: np.zeros_like(constants[n]) for n in ("contact_initial", "node_load", "row_initial")},
         "fixed_history": np.full_like(constants["fixed_history"], -1),
     }

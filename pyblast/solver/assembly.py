@@ -25,7 +25,7 @@ from ..mesh.mesh import locate_in_zones, zone_volumes
 from ..mesh.nodes import MOST, Nodes, stored
 from ..mesh.tetrahedra import shape_gradients
 from ..mesh.tetrahedra import volumes as tetrahedron_volumes
-from ..model.material import PLASTIC, Elastic
+from ..model.material import Elastic
 from ..model.model import Model
 from ..model.source import TimeFunction
 from .edge_springs import edge_arrays
@@ -222,7 +222,7 @@ def zone_product(model: Model, mass: np.ndarray, active: np.ndarray | None = Non
     """
     alone = _no_contact()
     elastic = {
-        name: replace(rock, law=Elastic()) if rock.law.name in PLASTIC else rock
+        name: replace(rock, law=Elastic()) if rock.yields else rock
         for name, rock in model.materials.items()
     }
     whole = replace(model.mesh, layer=None)

@@ -7,12 +7,10 @@ import numpy as np
 from ..core import ZONE_LAWS
 from ..mesh.nodes import Nodes
 from ..mesh.tetrahedra import EDGES, shape_gradients, volumes
-from ..model.material import PLASTIC
 from ..model.model import Model
 
 ALWAYS_USED, BATCH_ONLY = 2, 1  # use of the edges of a set: in all runs, in batches only
 MOST_SKEW = 0.7  # fraction of skew edges above which zones are as fast in a single run
-LINEAR = ("elastic", "anisotropic", *PLASTIC)  # stress or its elastic part
 ROUNDING = 1e-13
 CHUNK = 2**14  # zones whose springs are computed at once
 UPPER = np.triu_indices(6)
@@ -59,10 +57,10 @@ def without_edges(arrays: dict[str, Any]) -> dict[str, Any]:
 
 
 def _linear(arrays, number):
-    """Return whether the stress of a set is linear in one displacement field."""
+    """Return whether the stress of a set, or its elastic part, is linear in one displacement."""
     law = list(ZONE_LAWS.values())[arrays["set_law"][number]]
     branch = arrays["set_branch"][number]
-    return law.name in LINEAR and np.array_equal(branch[:, 0], branch[:, 1])
+    return (law.linear or law.yields) and np.array_equal(branch[:, 0], branch[:, 1])
 
 
 def _springs(nodes, arrays, number, zones, domain):
@@ -221,7 +219,8 @@ def _assembly_bytes(model, counts, n_yielding):
 def _has_springs(model, group):
     """Return whether the zones of a group become springs."""
     equal = all(branch.shear == branch.compression for branch in model.branches(group))
-    return equal and model.law(group).name in LINEAR
+    law = ZONE_LAWS[model.law(group).name]
+    return equal and (law.linear or law.yields)
 
 
 def common_edges(constants):

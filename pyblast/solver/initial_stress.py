@@ -7,11 +7,11 @@ import scipy
 
 from ..core import JOINT_LAWS, ZONE_LAWS
 from ..errors import InputError
+from ..laws import of_laws
 from ..mesh.mesh import zone_volumes
 from ..mesh.spectral_nodes import SpectralNodes
 from ..mesh.tetrahedra import shape_gradients
 from ..model.joint import carried_over
-from ..model.material import PLASTIC
 from ..model.model import InSitu, Model
 from .assembly import initial_state, stiffness_arrays, zone_product
 from .hexahedra import without_layer
@@ -196,7 +196,7 @@ def static_arrays(model: Model, geometry: dict[str, Any]) -> tuple[dict[str, Any
     """Return loads, in-situ stress and supports of the static stage, and the force scale."""
     node_load, contact_initial, scale = static_loads(model, geometry)
     joint_law = geometry["joint_law"]
-    flows = joint_law == JOINT_LAWS["maxwell"].number  # would never reach equilibrium
+    flows = of_laws(JOINT_LAWS, joint_law, "flows")  # would never reach equilibrium
     arrays = {
         **_pace(model, geometry["dt"]),
         "set_beta": np.zeros_like(geometry["set_beta"]),
@@ -229,7 +229,7 @@ STRAIN, HARDENING = slice(6, 12), slice(12, 14)  # columns of row_state of plast
 
 def can_yield(constants: dict[str, Any]) -> np.ndarray:
     """Return whether the law of each zone is plastic, (n_zones,) bool."""
-    yields = np.isin(constants["set_law"], [ZONE_LAWS[name].number for name in PLASTIC])
+    yields = of_laws(ZONE_LAWS, constants["set_law"], "yields")
     return np.repeat(yields[constants["domain_set"]], np.diff(constants["domain_zone_start"]))
 
 
@@ -354,8 +354,8 @@ def after_static(
     minus, plus = static["contact_node"].T
     kn = static["joint_property"][static["contact_joint"], 0]
     law = constants["joint_law"][static["contact_joint"]]
-    opens = np.array(["gap" in joint_law.state for joint_law in JOINT_LAWS.values()])
-    virtual = (opens[law] * kn * settled["contact_state"][:, GAP])[:, None] * normal
+    opens = of_laws(JOINT_LAWS, law, "opens")
+    virtual = (opens * kn * settled["contact_state"][:, GAP])[:, None] * normal
     initial = settled["contact_traction"] + virtual
     load = np.zeros_like(settled["displacement"])
     np.add.at(load, minus, area[:, None] * virtual)

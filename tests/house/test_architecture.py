@@ -27,9 +27,9 @@ MOST_LINES_OF_A_SECOND_IDEA = (
 MOST_LINES_OF_A_FUNCTION = 60
 # From the ground up: a package imports only itself and what stands before it.
 PACKAGES = [
-    "errors", "units", "readers", "core", "signals", "mesh", "recordings", "model", "blasts",
-    "solver", "runs", "planning", "config", "project", "inference", "back_analysis", "diagnosis",
-    "line_records", "report", "workflows", "cli", "__main__",
+    "errors", "units", "laws", "readers", "core", "signals", "mesh", "recordings", "model",
+    "blasts", "solver", "runs", "planning", "config", "project", "inference", "back_analysis",
+    "diagnosis", "line_records", "report", "workflows", "cli", "__main__",
 ]  # fmt: skip
 ONE_ROOM = {
     "_core": {"core"},

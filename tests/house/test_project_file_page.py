@@ -12,7 +12,6 @@ from pyblast.config.config import Config
 from pyblast.config.ground import JointConfig
 from pyblast.config.section import Section
 from pyblast.core import JOINT_LAWS
-from pyblast.model.joint import may_be_left_out
 from pyblast.units import split_key
 
 DOCS = Path(__file__).parents[2] / "docs"
@@ -117,6 +116,6 @@ def test_the_table_of_laws_names_what_each_needs_and_may_have():
 
     assert set(named) == set(JOINT_LAWS)
     for law, (needs, _) in named.items():
-        optional = may_be_left_out(law)
-        wanted = {name for name in JOINT_LAWS[law].properties if name not in optional}
+        properties = JOINT_LAWS[law].properties.items()
+        wanted = {name for name, one in properties if one.default is None}
         assert set(needs.split(", ")) == wanted, law

@@ -22,7 +22,7 @@ from pyblast.inference.error_model import (
 from pyblast.inference.nuisances import Nuisances, shift_columns, transfer_columns
 from pyblast.inference.records import Noise, Records
 
-AT = Level(1e-3, 1e-5, 1e-5)
+AT = Level(1e-3, 1e-5)
 SHARED = Level(1e-3, transfer=4e-3)  # with a transfer error that blasts share
 PRIORS = {"trigger": 1e-4, "clock": 1e-4, "receiver": 0.3}
 
@@ -63,7 +63,7 @@ def changes_of(motion, band):
 def of_records(blocks, at=AT):
     """Return the covariance of the errors of all records at a level, written out."""
     n, size = blocks.scatter.shape[-1], blocks.noise.shape[-1]
-    errors = at.scatter * blocks.scatter + at.path * blocks.path + at.coda * blocks.coda
+    errors = at.scatter * blocks.scatter + at.coda * blocks.coda
     total = blocks.noise.copy()
     for c in range(3):
         each = slice(c * n, (c + 1) * n)
@@ -160,7 +160,7 @@ def test_intervals_hold_what_was_drawn_from_the_priors_nine_times_in_ten(problem
 def test_learned_levels_tell_a_wrong_model_from_a_right_one(problem):
     error, slopes = problem
     rng, prior = np.random.default_rng(2), np.array([0.3, 0.1, 0.2])
-    noise = error.blocks.draws(rng, 1, *AT[:3]).reshape(slopes[0].shape)
+    noise = error.blocks.draws(rng, 1, *AT[:2]).reshape(slopes[0].shape)
     other = 0.5 * np.roll(slopes[1], 7, axis=-1)  # in no column
 
     learned = ErrorModel(error.blocks, error.nuisances, ALL_LEVELS)

@@ -1,5 +1,6 @@
 """Joints: properties in the order of the law, residual strengths, refusals."""
 
+import itertools
 import math
 
 import pytest
@@ -7,6 +8,7 @@ import pytest
 from pyblast.core import JOINT_LAWS
 from pyblast.errors import InputError
 from pyblast.model.joint import INFILL, Joint, infill_stiffness, saturated
+from verification.contact import properties
 
 STRONG = {"kn": 1e9, "ks": 5e8, "cohesion": 1e5, "friction": 0.6, "tension": 2e4}
 
@@ -14,7 +16,7 @@ STRONG = {"kn": 1e9, "ks": 5e8, "cohesion": 1e5, "friction": 0.6, "tension": 2e4
 def test_properties_stand_in_the_order_of_the_law():
     joint = Joint("J", "coulomb", dict(reversed(STRONG.items())))
 
-    assert tuple(joint.properties) == JOINT_LAWS["coulomb"].properties
+    assert list(joint.properties) == list(JOINT_LAWS["coulomb"].properties)
 
 
 def test_residual_strength_equals_the_peak_but_a_broken_joint_carries_no_tension():
@@ -48,12 +50,35 @@ def test_a_missing_property_is_refused(name):
 
 
 @pytest.mark.parametrize(
-    ("name", "value"),
-    [("kn", 0.0), ("ks", -1.0), ("kn", math.inf), ("friction", -0.1), ("tension", math.nan)],
+    ("name", "value", "rule"),
+    [
+        ("kn", 0.0, "must be positive, got 0 Pa/m"),
+        ("ks", -1.0, "must be positive, got -1 Pa/m"),
+        ("kn", math.inf, "must be finite, got inf Pa/m"),
+        ("friction", -0.1, "must not be negative, got -0.1"),
+        ("tension", math.nan, "must not be negative, got nan Pa"),
+        ("dilation_slip", -1.0, "must not be negative, got -1 m"),
+    ],
 )
-def test_an_impossible_property_is_refused(name, value):
-    with pytest.raises(InputError, match=rf"joints\.J\.{name}: must be"):
+def test_an_impossible_property_is_refused(name, value, rule):
+    with pytest.raises(InputError, match=rf"joints\.J\.{name}: {rule}$"):
         Joint("J", "coulomb", {**STRONG, name: value})
+
+
+@pytest.mark.parametrize("law", JOINT_LAWS)
+def test_no_stiffness_of_any_law_may_be_zero_or_negative(law):
+    given = properties(law)
+    stiffnesses = [n for n, one in JOINT_LAWS[law].properties.items() if one.unit == "Pa/m"]
+
+    for name, value in itertools.product(stiffnesses, (0.0, -1e9)):
+        with pytest.raises(InputError, match=rf"J\.{name}: must (be positive|exceed kn)"):
+            Joint("J", law, {**given, name: value})
+
+
+def test_what_is_infinite_must_be_allowed_to_be():
+    joint = Joint("J", "coulomb", {**STRONG, "dilation": 0.1, "dilation_slip": math.inf})
+
+    assert joint.properties["dilation_slip"] == math.inf
 
 
 @pytest.mark.parametrize("pressure", [-1.0, math.nan, math.inf])
@@ -77,6 +102,22 @@ def test_a_joint_cannot_weaken_to_more_than_it_had():
 
     with pytest.raises(InputError, match=r"J\.friction_dynamic: must not exceed friction of 0.6"):
         Joint("J", "softening", weak)
+
+
+def test_a_joint_that_yields_begins_with_the_friction_that_it_keeps_or_more():
+    given = {"kn": 1e9, "ks": 1e9, "friction": 0.6, "roughness": 1e-3}
+
+    assert Joint("J", "yielding", given).properties["friction_initial"] == 0.6
+    with pytest.raises(InputError, match=r"J\.friction_initial: must not be below friction of 0.6"):
+        Joint("J", "yielding", {**given, "friction_initial": 0.5})
+
+
+def test_a_closing_joint_keeps_a_share_of_its_closure_at_most():
+    given = {"kn": 1e9, "ks": 1e9, "closure": 1e-3}
+
+    assert Joint("J", "closure", given).properties["kn_max"] == 100e9
+    with pytest.raises(InputError, match=r"J\.irrecoverable: must not exceed 0.9, got 0.95"):
+        Joint("J", "closure", {**given, "irrecoverable": 0.95})
 
 
 def test_water_stiffens_a_joint_against_closing_only():

@@ -77,7 +77,7 @@ FILES = {
     "pyblast/cli/commands.py": COMMANDS,
     "pyblast/work/rest.py": REST,
     "pyblast/work/twin.py": TWIN,
-    "fortran/joint_laws.f90": 'signature = "bouncy: kn |"',
+    "fortran/joint_laws.f90": 'rows = [ &\n    "bouncy: kn | linear |"]',
 }
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 
 from pyblast.model.boundary import StressInput, Viscous
-from pyblast.model.joint import Joint, thick_fill
+from pyblast.model.joint import Joint
 from pyblast.signals.seismogram import Seismogram
 from pyblast.solver.run import simulate
 from verification.columns import AXIS, IMPEDANCE, SPEED, column, column_model, ricker, spectrum
@@ -84,7 +84,8 @@ def thick(wave, phase=0.3, ratio=0.1):
     stiffness, mass = density * speed**2 / width, density * width
     spring = through_heavy_spring(omega, IMPEDANCE[wave], stiffness, mass)
     layer = through_layer(omega, IMPEDANCE[wave], z, width / speed)
-    return thick_fill("J", density, speed, speed, width), spring, layer
+    fill = Joint("J", "elastic", {"kn": stiffness, "ks": stiffness}, fill_mass=mass)
+    return fill, spring, layer
 
 
 def driven_alone(kind):

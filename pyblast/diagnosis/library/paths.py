@@ -3,6 +3,7 @@
 import numpy as np
 from scipy import fft
 
+from ...core import JOINT_LAWS
 from ...inference.nuisances import firings_of, hole_parts
 from ...inference.parameter import Parameter
 from ...model.joint import Joint
@@ -16,7 +17,7 @@ def _on_joint(project, target, change):
     """Return a project with one joint changed; None if its law is not elastic any more."""
     chosen = _joint(project, target)
     joints = (change(joint) if joint is chosen else joint for joint in project.joints)
-    return project.changed(joints=joints) if chosen.law == "elastic" else None
+    return project.changed(joints=joints) if JOINT_LAWS[chosen.law].elastic else None
 
 
 def _joint(project, target):
