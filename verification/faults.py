@@ -134,9 +134,14 @@ PASSING = {"wall_s", "wall_seconds", "seconds", "kept_s", "kept_runs", "runs", "
 def text_of(command: str) -> str:
     """Return the project file of a command; records stand beside all but delays."""
     recorded = RECORDED if command in ("run", "backanalyse", "diagnose") else ""
-    parts = (RECEIVER.format(name=n, at=at) + recorded.format(name=n) for n, at in RECEIVERS.items())
-    return "".join([GROUND, *parts, COMMANDS[command][3]]) if command in COMMANDS else "".join(
-        [GROUND, *(RECEIVER.format(name=n, at=at) for n, at in RECEIVERS.items())])
+    parts = (
+        RECEIVER.format(name=n, at=at) + recorded.format(name=n) for n, at in RECEIVERS.items()
+    )
+    return (
+        "".join([GROUND, *parts, COMMANDS[command][3]])
+        if command in COMMANDS
+        else "".join([GROUND, *(RECEIVER.format(name=n, at=at) for n, at in RECEIVERS.items())])
+    )
 
 
 @cache

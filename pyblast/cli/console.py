@@ -119,7 +119,7 @@ def complain(text: object) -> None:
 
 
 class _Stop(KeyboardInterrupt):
-    """What a signal raises; after KeyboardInterrupt itself Python may end by SIGINT, without 130."""
+    """What a signal raises: after KeyboardInterrupt itself Python may end by SIGINT, not by 130."""
 
 
 @contextmanager
