@@ -6,8 +6,8 @@ import numpy as np
 
 from pyblast.diagnosis import library  # noqa: F401  fills the library
 from pyblast.diagnosis.hypotheses import LIBRARY
+from pyblast.model.material import ConstantQ
 from pyblast.project.elements import for_band
-from pyblast.project.flat_box import constant_q
 from pyblast.solver.preparation import prepare
 from pyblast.solver.run import simulate
 
@@ -44,7 +44,7 @@ def laws():
         ),
         "constant Q": lambda site: site.changed(
             materials={
-                name: replace(one, law=constant_q(*QUALITY, BAND))
+                name: replace(one, law=ConstantQ.around(*QUALITY, BAND))
                 for name, one in site.materials.items()
             }
         ),

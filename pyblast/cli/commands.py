@@ -411,7 +411,7 @@ def backanalyse(
 @app.command("diagnose")
 def diagnose_command(
     case: Annotated[
-        Path, typer.Argument(help="Folder with site.toml, hole tables, records; or project file.")
+        Path, typer.Argument(help="Project file with records; [diagnosis] names further blasts.")
     ],
     out: Annotated[
         Path | None,

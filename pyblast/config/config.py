@@ -379,6 +379,12 @@ class Config(Section):
     delays: DelaysConfig | None = None
     diagnosis: DiagnosisConfig | None = None
 
+    @property
+    def band_hz(self) -> tuple[float, float] | None:
+        """Band in Hz in which motions are compared with records, None where none is given."""
+        band = (self.diagnosis and self.diagnosis.band_hz) or self.run.compare_band_hz
+        return None if band is None else (band[0], band[1])
+
     @model_validator(mode="after")
     def _what_enters(self, info: ValidationInfo):
         """Ask for something that moves the ground, and refuse tables that would do nothing."""

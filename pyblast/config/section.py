@@ -272,6 +272,8 @@ MAX_PROJECT_BYTES = 1_000_000
 
 def read_toml(path):
     """Return the tables of a TOML file."""
+    if path.is_dir():
+        raise ReadError(f"{path}: is a folder; name a project file in it")
     try:
         size = path.stat().st_size
         if size > MAX_PROJECT_BYTES:

@@ -4,11 +4,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..errors import InputError, named_error
+from ..errors import InputError
 from ..inference.records import COMPONENTS, Records, band_functions, gather, noise_of
 from ..model.model import Receiver
 from ..project.elements import for_band, longest_path, survey_positions
-from ..project.flat_box import band_of, check_flat, not_flat
 from ..project.ground import damages_material
 from ..project.places import resolved_receivers
 from ..project.project import ENTERS, Project
@@ -62,7 +61,7 @@ def case_of(project: Project, blasts=None) -> Case:
         the blast, the band is missing or comes near half the sampling rate, or the description of
         a flat box is contradictory.
     """
-    limits = band_of(project.config)
+    limits = project.config.band_hz
     if limits is None:
         raise InputError(
             f"{project.path.name}: diagnosis.band_hz: missing; give lowest and highest frequency, "
@@ -155,15 +154,11 @@ def _gathered(project, highest):
                 f"{each.path.name}: receivers: none has a record; add [receivers.recorded]"
             )
     further = tuple(replace(o, given={**o.given, **parts[o.name]}) for o in project.further)
-    project = replace(
+    return replace(
         project, given={**project.given, **parts[project.name]}, further=further
     ).changed(
         receivers=[Receiver(name, *rest) for name, rest in receivers.items()], records=records
     )  # fmt: skip
-    if not not_flat(project):
-        with named_error(project.path.name):
-            check_flat(project)
-    return project
 
 
 def _with_mesh(project, highest):

@@ -11,7 +11,7 @@ from scipy import fft
 
 from ..blasts.blast import Blast
 from ..errors import InputError, contained
-from ..project.flat_box import quality_of
+from ..project.ground import quality_of
 from ..project.project import Project
 from ..solver.assembly import time_step
 from . import library  # noqa: F401  fills the library
@@ -215,7 +215,7 @@ class Scene:
             self._corrections[mesh] = self.baseline.reference[mesh[1]] - motion
         for (key, b), motion in zip(required, done[: len(required)], strict=True):
             correction = self._corrections[built[key][1], b]
-            if quality_of(projects[key]) != quality_of(self.case.project):
+            if quality_of(projects[key].materials) != quality_of(self.case.project.materials):
                 before = self.baseline.reference[b] - correction
                 band = self.case.band.low, self.case.band.high
                 correction = attenuated(correction, before, motion, self.case.dt, band)

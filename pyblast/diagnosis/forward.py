@@ -13,7 +13,6 @@ from ..errors import InputError
 from ..mesh.mesh import locate_in_zones
 from ..model.model import Model, Receiver
 from ..project.elements import better_mesh, with_laws
-from ..project.flat_box import ground_materials
 from ..project.ground import damages_material
 from ..project.inputs import make_input
 from ..project.places import on_ground, placed_again, refuse_outside
@@ -263,7 +262,7 @@ def not_superposed(case: Case) -> str:
                 f"holes do not superpose across the law {joint.law!r} of joint {joint.surface}: "
                 "give the joints the law 'elastic'"
             )
-    for name in ground_materials(project):
+    for name in project.ground_materials:
         if not ZONE_LAWS[project.materials[name].law.name].linear:
             return f"holes do not superpose in material {name!r}, which yields: make it elastic"
     return ""
@@ -346,7 +345,7 @@ def surroundings(forward: Forward, project: Project) -> Surroundings:
 
 def probe_offsets(case: Case, project: Project) -> np.ndarray:
     """Return the offsets (n,) in m of probe receivers from a receiver, east and north."""
-    slowest = min(project.materials[name].cs for name in ground_materials(project))
+    slowest = min(project.materials[name].cs for name in project.ground_materials)
     return np.arange(-STEPS, STEPS + 1) * slowest / (STEPS_PER_WAVE * case.band.high)
 
 

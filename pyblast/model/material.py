@@ -59,6 +59,9 @@ def relative_modulus(
     return np.asarray(1.0 + sum(relaxing))
 
 
+BEYOND_BAND = 3.0  # factor by which the band of constant Q exceeds that of records, both ways
+
+
 @dataclass(frozen=True)
 class ConstantQ:
     """Frequency-independent attenuation: quality factors constant over a band, with dispersion.
@@ -105,6 +108,11 @@ class ConstantQ:
             raise InputError(f"material.band: must be two ascending frequencies, got {self.band}")
         if self.reference is not None and not 0.0 < self.reference < np.inf:
             raise InputError(f"material.reference: must be positive, got {self.reference} Hz")
+
+    @classmethod
+    def around(cls, qp: float, qs: float, band: tuple[float, float]) -> "ConstantQ":
+        """Return factors that are constant from a third to three times a band of records in Hz."""
+        return cls(qp, qs, (band[0] / BEYOND_BAND, band[1] * BEYOND_BAND))
 
     @cached_property
     def rates(self) -> np.ndarray:

@@ -149,7 +149,7 @@ class Model:
         Linear isotropic ground only, joints of any law; theory.md (2.33) to (2.38).
     injected : bool
         Whether explosions enter as the field of a half-space at the boundary of a patch of
-        elements around them; theory.md (5.23). Only in hexahedra, see `solver.injection.patch_of`.
+        elements around them; theory.md (5.25). Only in hexahedra, see `solver.injection.patch_of`.
     single : bool
         Single precision: a third faster, accurate to about 1e-4 of the peak motion.
     local_damping : float

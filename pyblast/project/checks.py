@@ -152,7 +152,7 @@ def ground_as_built(rows):
 
 
 def _mesh_defects(project, summary):
-    """D1, D2, D5, D12, D26, D30, D38: zones, size, boundaries, layers, units, memory, sources."""
+    """D1, D2, D5, D12, D26, D30, D38, D45: zones, size, boundaries, layers, units, memory, sources."""
     yield checks_ground.beyond_memory(summary.memory, quality.available())
     times = () if project.blast is None else project.blast.times
     yield unlikely_values(project.materials, project.joints, project.config, times)
@@ -168,6 +168,12 @@ def _mesh_defects(project, summary):
     yield checks_ground.near_source(rows, names, obstacle)
     points = project.mesh.points
     rocks = _stiff(project, summary)
+    if summary.joint:
+        joint = next(each for each in project.joints if each.surface == summary.joint)
+        impedance = max(rock.density * rock.cp for rock in rocks.values())
+        yield checks_ground.stiff_joint(
+            joint.surface, joint.bound()[0], summary.price, impedance, band
+        )
     yield checks_ground.short_model(float(np.ptp(points[:, 0])), rocks, centre)
     boundaries = project.model.boundaries
     viscous = {b.surface for b in boundaries if isinstance(b, Viscous)}

@@ -21,6 +21,8 @@ from .places import face_materials
 
 LITTLE, MISMATCH = 0.7, 0.1
 MOST_NAMED = 4  # receivers in one sentence
+DEAR_JOINT = 2.0  # factor on the number of steps
+CLOSED = 0.02  # radian: delay of waves by a joint that counts as closed
 _PAIRS = ((0, 0), (1, 1), (2, 2), (1, 2), (2, 0), (0, 1))
 
 
@@ -371,6 +373,10 @@ class ModelSummary:
     dt, undamped_dt : float, s
         Time step, and the critical one without stiffness damping.
     limited_by : str
+    joint : str
+        The joint that limits the time step, empty where zones do.
+    price : float
+        Factor on the number of steps by that joint.
     implicit : int
         Zones too small for the time step, which are taken implicitly.
     steps : int
@@ -390,6 +396,8 @@ class ModelSummary:
     dt: float
     undamped_dt: float
     limited_by: str
+    joint: str
+    price: float
     implicit: int
     steps: int
     memory: float
@@ -426,6 +434,8 @@ def summarise_model(project, measure=False, progress=None) -> ModelSummary:
         dt=float(geometry["dt"]),
         undamped_dt=limit.undamped,
         limited_by=limit.limited_by,
+        joint=limit.joint,
+        price=limit.price,
         implicit=int(limit.implicit.zones.sum()),
         steps=n_steps,
         memory=run_bytes(model, n_steps * (1 + len(model.receivers))),
@@ -504,6 +514,37 @@ def _mean_normal(mesh, surface):
     """Return the mean outward normal (3,) of a surface."""
     _, area, normal = surface_areas(mesh, surface)
     return area @ normal / np.linalg.norm(area @ normal)
+
+
+def stiff_joint(
+    joint: str, stiffness: float, price: float, impedance: float, top: float
+) -> Finding | None:
+    """D45: a joint so stiff that it sets the time step; None where it costs little.
+
+    Parameters
+    ----------
+    joint : str
+    stiffness : float, Pa/m
+        Its largest.
+    price : float
+        Factor on the number of steps.
+    impedance : float, kg/(m2 s)
+        Of P waves in the stiffest ground.
+    top : float, Hz
+        Highest frequency of interest.
+    """
+    if price < DEAR_JOINT:
+        return None
+    enough = np.pi * top * impedance / CLOSED
+    advice = "take that" if enough < stiffness else "so it is not stiffer than it has to be"
+    return Finding(
+        "D45",
+        "A joint sets the time step",
+        f"'{joint}' with {stiffness / 1e9:.3g} GPa/m takes {price:.2g} times as many steps as the "
+        f"ground alone; one of {enough / 1e9:.2g} GPa/m delays waves up to {top:.3g} Hz by no more "
+        f"than {CLOSED:g} radian: {advice}.",
+        numbers={"price": price, "stiffness": stiffness, "enough": enough},
+    )
 
 
 def near_source(rows, names, obstacle=""):

@@ -217,6 +217,17 @@ def make_materials(config) -> dict[str, Material]:
     return materials
 
 
+def is_anisotropic(materials: dict[str, Material]) -> bool:
+    """Return whether a material is anisotropic."""
+    return any(material.law.name == "anisotropic" for material in materials.values())
+
+
+def quality_of(materials: dict[str, Material]) -> tuple[float, float] | None:
+    """Return the first pair Qp, Qs of materials, None where none has one."""
+    laws = [material.law for material in materials.values()]
+    return next(((law.qp, law.qs) for law in laws if isinstance(law, ConstantQ)), None)
+
+
 def make_joints(config) -> tuple:
     """Return the `Joint` of each joint surface of a `Config`.
 

@@ -215,6 +215,18 @@ def make_absorbing_layer(config):
     return SpongeLayer(axis_limits((low, low + size) for low, size in ends), mesh.padding_m)
 
 
+def extent_of(project) -> np.ndarray:
+    """Return the box (3, 2) in m of the ground of a project without padding or absorbing layer."""
+    mesh, layer = project.config.mesh, make_absorbing_layer(project.config)
+    if layer is not None:
+        return np.array(layer.box, dtype=float)
+    if mesh.size_m is not None:
+        low = np.array(mesh.origin_m)
+        return np.column_stack([low, low + mesh.size_m])
+    points = project.mesh.points
+    return np.column_stack([points.min(axis=0), points.max(axis=0)])
+
+
 def radiating_positions(project) -> np.ndarray:
     """Return the positions (n, 3) in m of the sources of a project; none of what enters by a face.
 

@@ -137,9 +137,10 @@ class Project:
         return any(key == name or key.startswith(f"{name}.") for name in self.config.assumed)
 
     @property
-    def time_zero(self) -> str | None:
-        """ISO time of firing time 0, None where unknown."""
-        return self.given.get("time_zero")
+    def ground_materials(self) -> list[str]:
+        """Names of the materials in the ground, layers from the top down."""
+        layers = [layer.material for layer in self.config.mesh.layers]
+        return list(dict.fromkeys(layers or self.mesh.groups))
 
     @property
     def faults(self) -> list[str]:

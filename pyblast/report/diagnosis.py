@@ -26,7 +26,7 @@ from ..diagnosis.thresholds import (
 from ..errors import contained
 from ..inference.likelihood import ENERGY_SHARE, MESH_SHARE
 from ..project.elements import elements_of
-from ..project.flat_box import quality_of
+from ..project.ground import quality_of
 from ..project.result import plain, write_text
 from ..units import FACTORS
 from .diagnosis_figures import (
@@ -423,7 +423,7 @@ def calibration_rows(summary: dict) -> list[dict]:
 def assumptions(diagnosis: Diagnosed, summary: dict) -> list[str]:
     """Return the assumptions of a diagnosis, one sentence each."""
     scene = diagnosis.search.scene
-    case, quality = scene.case, quality_of(scene.case.project)
+    case, quality = scene.case, quality_of(scene.case.project.materials)
     labels = sorted({hypothesis.label for hypothesis in LIBRARY.values()})
     lost, priors = 1.0 - float(np.mean(case.valid)), case.project.config.priors
     finer = "; a finer mesh of the reference site corrects them" if np.any(

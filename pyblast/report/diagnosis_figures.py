@@ -15,7 +15,7 @@ from ..diagnosis.cross_validation import held_out_prediction
 from ..diagnosis.decision import Decision
 from ..diagnosis.fitting import Fit
 from ..diagnosis.search import Search, means
-from ..project.flat_box import extent_of
+from ..project.places import extent_of
 from ..signals.spectra import wavelet_transform
 from .figures import FAULT, GROUND, INK, RECORDED, SIMULATED, _figure, _tidy, _uri
 

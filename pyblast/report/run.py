@@ -297,7 +297,7 @@ def _source_figures(result, top):
         extent = (
             f"columns that detonate at {table['detonation']:g} m/s"
             if table["detonation"]
-            else "each as the field of a half-space around it (injection)"
+            else "each as its own field in the elements around it (injection)"
             if table["injected"]
             else f"each over a sphere of radius {radius_words(table['radius'])}"
         )

@@ -11,7 +11,14 @@ from ..mesh import hexahedra
 from ..mesh.hexahedra import AbsorbingLayer
 from ..model.model import Model
 from .implicit_zones import Implicit, contact_pairs
-from .time_step import CriticalStep, contact_bounds, largest_eigenvalue, longest_step, with_joints
+from .time_step import (
+    CriticalStep,
+    contact_bounds,
+    joint_at,
+    largest_eigenvalue,
+    longest_step,
+    with_joints,
+)
 
 REFLECTION = 1e-7  # amplitude that a wave of normal incidence would keep
 STRENGTH = 7.0  # real stretch at the outer edge
@@ -180,17 +187,22 @@ def critical_step_of_hexahedra(
     squared = largest_eigenvalue(with_joints(model, product_of(), mass), mass)
     drag = float((2.0 * viscosity / mass).max())
     beta = float(model.group_damping("beta").max())
-    dt = longest_step(squared, drag, beta)
-    own = in_layer(model).any(axis=1)
+    own, of_layer = in_layer(model).any(axis=1), np.inf
     if own.any():
         lag = beta + float(layer_lags(model, np.flatnonzero(own)).max())
-        dt = min(dt, longest_step(largest_eigenvalue(product_of(own), mass), drag, lag))
-    part = "the shortest distance of nodes"
-    if (spring / mass).max() > 0.5 * squared:
-        part = "a contact of a joint"
+        of_layer = longest_step(largest_eigenvalue(product_of(own), mass), drag, lag)
+    dt = min(longest_step(squared, drag, beta), of_layer)
+    part, joint, price = "the shortest distance of nodes", "", 1.0
+    if 2.0 * (spring / mass).max() > 0.5 * squared:  # both nodes of a contact move
+        worst = int((spring / mass).argmax())
+        x, y, z = model.nodes.points[worst]
+        joint = joint_at(model, np.array([worst]))
+        part = f"a contact of joint '{joint}' at ({x:.1f}, {y:.1f}, {z:.1f}) m"
+        alone = longest_step(largest_eigenvalue(product_of(), mass), 0.0, beta)
+        price = min(alone, of_layer) / dt
     sizes = (len(model.mesh.zones), len(contact_pairs(model.nodes.contacts)))
     none = Implicit(*(np.zeros(size, dtype=bool) for size in sizes))
-    return CriticalStep(dt, longest_step(squared, drag), part, none, dt)
+    return CriticalStep(dt, longest_step(squared, drag), part, none, dt, joint, price)
 
 
 def no_layer(single: bool, n_packs: int, n_line: int) -> dict[str, Any]:

@@ -14,11 +14,12 @@ from ..mesh import hexahedra
 from ..mesh.faces import zone_of_face
 from ..mesh.mesh import locate_in_zones, zone_edge_lengths
 from ..mesh.quality import explicit_work
+from ..model.full_space import force_motion, moment_motion
 from ..model.half_space import direct_wave, reflected_waves
 from ..model.material import Material
 from ..model.model import Model
-from ..model.source import Hole, MomentTensor, TimeFunction, isotropic_moment
-from .loads import point_loads
+from ..model.source import Column, Hole, MomentTensor, PointForce, TimeFunction, isotropic_moment
+from .loads import FEWEST_POINTS, point_loads
 from .moment_density import NearReceiver, near_sources
 
 LOWEST_ORDER = 4  # order 3 spoils the motion by up to 15 %, order 2 by more than itself
@@ -33,6 +34,8 @@ OF_WAVE, OF_PATH = 4.0, 3.0  # spacings of the table in the shortest wave, in th
 DEGREE = 5  # of the spline over the table
 SLOWEST = 0.8  # of the S speed, of the last waves
 NEAREST = 0.02  # of an edge: points nearer to a source have the motion there
+OF_COLUMN = 0.05  # of an edge: distance of the points of a column
+COLUMN_PLACES = 9  # on a column, of which the zones are its own
 MARGIN = 4  # time steps around a table
 STEP = 0.4  # time step over the travel time of P waves between the nearest nodes
 BYTES_PER_NUMBER = 30.0  # of the motion of nodes, at the peak
@@ -87,24 +90,37 @@ class Injection:
 
 
 def patch_of(model: Model) -> Patch | str:
-    """Return the patch around the isotropic sources of a model, or why there is none.
+    """Return the patch around the point sources of a model, or why there is none.
 
     It holds the zones of the sources and those that share a node with them. None of the former may
-    lie at its boundary: outer faces but a flat free surface, joints, zones beyond.
+    lie at its boundary: outer faces but a flat free surface, joints, zones beyond. Below a free
+    surface only explosions are injected; theory.md (5.25).
     """
     if not model.mesh.hexahedral:
         return "the elements are tetrahedra"
     if model.mesh.order < LOWEST_ORDER:
         return f"elements of order {model.mesh.order} carry the field of a source too coarsely"
-    explosions = _explosions(model)
-    if not explosions:
-        return "no source is an explosion at a point, without a column or a given radius"
+    sources = _point_sources(model)
+    if not sources:
+        return "no source is at a point or along a column, without a given radius"
+    patch = _patch_around(model, sources)
+    if isinstance(patch, str) or patch.top is not None:
+        explosions = {k: source for k, source in sources.items() if _isotropic(source)}
+        if len(explosions) < len(sources):
+            if explosions:
+                return _patch_around(model, explosions)
+            if not isinstance(patch, str):
+                return "under a free surface only explosions are injected"
+    return patch
+
+
+def _patch_around(model, injected):
+    """Return the patch around sources by their numbers, or why there is none."""
     mesh, zone_nodes = model.mesh, model.nodes.zone_nodes
     own = np.zeros(len(mesh.zones), dtype=bool)
     low, high = mesh.zone_limits
     reach = BESIDE * (high - low)
-    for source in explosions.values():
-        at = np.asarray(source.position, dtype=float)
+    for at in np.concatenate([_points_of(source) for source in injected.values()]):
         near = np.flatnonzero(((at >= low - reach) & (at <= high + reach)).all(axis=1))
         points = np.broadcast_to(at, (len(near), 3))  # leaning zones are less than their limits
         beyond = hexahedra.reference_coordinates(mesh.node_places[near], mesh.order, points)[1]
@@ -123,17 +139,29 @@ def patch_of(model: Model) -> Patch | str:
     depths = np.unique(np.round(model.nodes.points[zone_nodes[zones], 2], 6))
     if top is not None and len(depths) > MOST_LEVELS:
         return "the elements around the sources stand at too many depths"
-    return Patch(tuple(explosions), zones, boundary, whole, top, rock)
+    return Patch(tuple(injected), zones, boundary, whole, top, rock)
 
 
-def _explosions(model):
-    """Return the isotropic sources at points by their numbers, without those of a given radius."""
+def _point_sources(model):
+    """Return the sources at points and along columns by their numbers; none of a given radius."""
     return {
         number: source for number, source in enumerate(model.sources)
-        if isinstance(source, (Hole, MomentTensor))
-        and source.spread is None
-        and isotropic_moment(source)
+        if isinstance(source, Column)
+        or (isinstance(source, PointForce) and not source.history.held)
+        or (isinstance(source, (Hole, MomentTensor)) and source.spread is None)
     }  # fmt: skip
+
+
+def _isotropic(source):
+    """Return whether a source is an explosion."""
+    return isinstance(source, (Hole, MomentTensor)) and bool(isotropic_moment(source))
+
+
+def _points_of(source):
+    """Return the ends of a column and its middle, or the place of another source, (n, 3) in m."""
+    if isinstance(source, Column):
+        return np.linspace(source.primed, source.end, COLUMN_PLACES)
+    return np.asarray(source.position, dtype=float)[None]
 
 
 def injection_bytes(model: Model, patch: Patch, n_steps: int) -> float:
@@ -154,7 +182,7 @@ def near_receivers(model: Model) -> tuple[NearReceiver, ...]:
 
 
 def with_injection(model: Model, duration: float) -> Model:
-    """Return a model whose explosions are injected, if a receiver is near and the ground allows it.
+    """Return a model whose sources are injected, if a receiver is near and the ground allows it.
 
     The loads of a run of some duration in s have to fit into the memory.
     """
@@ -164,7 +192,7 @@ def with_injection(model: Model, duration: float) -> Model:
 
 
 def refusal(model: Model, duration: float) -> str:
-    """Return why the explosions of a model can't be injected; empty where they can."""
+    """Return why the sources of a model can't be injected; empty where they can."""
     patch = patch_of(model)
     if isinstance(patch, str):
         return patch
@@ -250,7 +278,7 @@ def inject(model: Model, patch: Patch, dt: float, n_steps: int) -> Injection:
     """Return the loads at the boundary of a patch, and the field to be added inside of it.
 
     ``f_T = -K_TS u0_S`` and ``f_S = K_ST u0_T``: S are the nodes inside of the patch, T those of
-    its boundary, K the stiffness of its zones there; theory.md (5.23). The mass is lumped and adds
+    its boundary, K the stiffness of its zones there; theory.md (5.25). The mass is lumped and adds
     nothing.
     """
     field = _Field(model, patch, dt, n_steps)
@@ -320,21 +348,26 @@ def _of_receivers(model, patch, field, velocity, number):
 
 
 class _Field:
-    """Velocity of the injected sources in their half-space."""
+    """Velocity of the injected sources in their half-space, or in unbounded rock."""
 
     def __init__(self, model, patch, dt, n_steps):
         """Group the sources by moment rate and depth."""
         self.patch, self.dt, self.n_steps = patch, dt, n_steps
         self.edge = float(zone_edge_lengths(model.mesh)[patch.zones].min())
         self.highest = carried(model, patch)
-        self.groups = {}
-        for source in _explosions(model).values():
+        self.groups, self.others = {}, []
+        for source in (model.sources[number] for number in patch.sources):
+            if not _isotropic(source):
+                self.others.append(source)
+                continue
             below = 0.0 if patch.top is None else round(patch.top - float(source.position[2]), 3)
             self.groups.setdefault((id(source.moment_rate), below), []).append(source)
 
     def at(self, points):
         """Return the velocity (n, n_steps, 3) in m/s between the steps at points (n, 3)."""
         total = np.zeros((len(points), self.n_steps, 3))
+        for source in self.others:
+            self._add_unbounded(total, source, points)
         for (_, depth), sources in self.groups.items():
             rate = tapered(sources[0].moment_rate, self.highest)
             table = None if self.patch.top is None else self._table(rate, depth, sources, points)
@@ -350,16 +383,47 @@ class _Field:
                     _add(total, first, scale * motion, ray)
         return total
 
+    def _add_unbounded(self, total, source, points):
+        """Add the motion of a force, a tensor or the points of a column in unbounded rock."""
+        rock = self.patch.rock
+        if isinstance(source, PointForce):
+            rate, parts = source.history, [(source.position, 0.0, source.direction)]
+            motion_of = force_motion
+        else:
+            rate, motion_of = source.moment_rate, moment_motion
+            parts = [(source.position, source.time, source.tensor)] if not isinstance(
+                source, Column
+            ) else self._along(source)  # fmt: skip
+        rate = tapered(rate, self.highest)
+        for position, time, strength in parts:
+            away = points - np.asarray(position, dtype=float)
+            path = np.linalg.norm(away, axis=1)
+            away[path < NEAREST * self.edge] = NEAREST * self.edge, 0.0, 0.0
+            first, last = self._steps(rate, time, float(path.max()) / rock.cs)
+            times = self.dt * (np.arange(first, last) + 0.5) - time
+            total[:, first:last] += motion_of(rate, strength, away, times, rock)
+
+    def _along(self, column):
+        """Return position, firing time and tensor of each point of a column."""
+        length = float(np.linalg.norm(np.subtract(column.end, column.primed)))
+        needed = int(np.ceil(length / (OF_COLUMN * self.edge)))
+        count = column.sources or max(FEWEST_POINTS, needed)
+        tensor = column.charge**column.exponent / count * column.tensor(self.patch.rock)
+        places, delays = column.points(count)
+        return [(at, column.time + late, tensor) for at, late in zip(places, delays, strict=True)]
+
+    def _steps(self, rate, time, late):
+        """Return the first step of a motion, and the one after its last."""
+        end = time + rate.start + rate.dt * len(rate.values) + late
+        first = min(max(0, int((time + rate.start) / self.dt) - 1), self.n_steps)
+        return first, min(self.n_steps, max(first, int(end / self.dt) + 2))
+
     def _direct(self, rate, source, distance, heights):
         """Return the first step and the direct waves (n, n_own, 2) of a source."""
         below = float(source.position[2]) - heights
         path = np.hypot(distance, below)
         distance = np.where(path < NEAREST * self.edge, NEAREST * self.edge, distance)
-        late = float(path.max()) / self.patch.rock.cp
-        start = source.time + rate.start
-        end = source.time + rate.start + rate.dt * len(rate.values) + late
-        first = min(max(0, int(start / self.dt) - 1), self.n_steps)
-        last = min(self.n_steps, max(first, int(end / self.dt) + 2))
+        first, last = self._steps(rate, source.time, float(path.max()) / self.patch.rock.cp)
         times = self.dt * (np.arange(first, last) + 0.5) - source.time
         return first, direct_wave(rate, distance, below, times, self.patch.rock)
 

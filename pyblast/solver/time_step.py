@@ -52,6 +52,10 @@ class CriticalStep:
         Zones and contacts that would need a shorter one.
     explicit : float, s
         Critical time step without implicit zones.
+    joint : str
+        The joint that limits it, empty where the zones do.
+    price : float
+        Factor on the number of steps by that joint.
     """
 
     dt: float
@@ -59,6 +63,8 @@ class CriticalStep:
     limited_by: str
     implicit: Implicit
     explicit: float
+    joint: str = ""
+    price: float = 1.0
 
 
 def zone_frequencies(
@@ -156,8 +162,12 @@ def critical_step(model: Model) -> CriticalStep:
     worst = rest[own[rest].argmin()]
     dt, undamped = own[worst], longest_step((zone + spring)[rest], viscosity[rest]).min()
     reserved = spring[worst] * dt**2 / 4.0 + viscosity[worst] * dt / 2.0
-    limited_by = _limit(model, worst, reserved, np.count_nonzero(implicit.zones))
-    return CriticalStep(float(dt), float(undamped), limited_by, implicit, float(own.min()))
+    joint = joint_at(model, nodes.zone_nodes[worst]) if reserved > 0.5 else ""
+    limited_by = _limit(model, worst, joint, np.count_nonzero(implicit.zones))
+    price = longest_step(zone[rest], (zone * beta)[rest]).min() / dt if joint else 1.0
+    return CriticalStep(
+        float(dt), float(undamped), limited_by, implicit, float(own.min()), joint, float(price)
+    )
 
 
 def assembled_step(
@@ -270,16 +280,22 @@ def contact_bounds(model: Model, implicit: Implicit | None = None) -> np.ndarray
     )
 
 
-def _limit(model, worst, reserved, implicit):
+def joint_at(model: Model, nodes: np.ndarray) -> str:
+    """Return the name of a joint that has one of some nodes, an empty one without."""
+    contacts = model.nodes.contacts
+    if contacts is None:
+        return ""
+    at = np.isin(np.stack([contacts.minus, contacts.plus]), nodes).any(axis=0)
+    return contacts.names[contacts.joint[int(at.argmax())]] if at.any() else ""
+
+
+def _limit(model, worst, joint, implicit):
     """Describe the zone that limits the step, or the joint that reserves most of its mass."""
     mesh = model.mesh
     x, y, z = mesh.points[mesh.zones[worst]].mean(axis=0)
     part = f"a zone of '{mesh.groups[mesh.zone_group[worst]]}'"
-    contacts = model.nodes.contacts
-    if contacts is not None and reserved > 0.5:
-        pairs = np.stack([contacts.minus, contacts.plus])
-        contact = int(np.isin(pairs, model.nodes.zone_nodes[worst]).any(axis=0).argmax())
-        part = f"a contact of joint '{contacts.names[contacts.joint[contact]]}'"
+    if joint:
+        part = f"a contact of joint '{joint}'"
     note = f" ({implicit} smaller zones are implicit)" if implicit else ""
     return f"{part} at ({x:.1f}, {y:.1f}, {z:.1f}) m{note}"
 

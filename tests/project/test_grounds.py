@@ -58,7 +58,8 @@ def ground(tmp_path):
 
     def made(size=(120, 90, 60), faults=(), sets=(), free=("top",), survey=None, **more):
         mesh = {"size_m": list(size), "layers": more.pop("layers", [{"material": "rock"}]),
-                "faults": list(faults), "joint_sets": list(sets), "frequency_hz": 30}  # fmt: skip
+                "faults": list(faults), "joint_sets": list(sets), "frequency_hz": 30,
+                "kind": more.pop("kind", "auto")}  # fmt: skip
         if survey is not None:
             (tmp_path / "survey.csv").write_text(survey)
             mesh["surface_file"] = "survey.csv"
@@ -176,6 +177,24 @@ def test_one_fault_in_flat_ground_is_no_reason_for_a_finding(ground):
 
     assert project.mesh.layer is not None
     assert {"D22", "D37", "D39"}.isdisjoint(finding.code for finding in checked.findings)
+
+
+@pytest.mark.parametrize("kind", ["hexahedra", "tetrahedra"])
+def test_a_joint_that_sets_the_time_step_is_named_with_its_price(ground, kind):
+    plane = [fault("F", 90, 90, (60, 45, 60))]
+    steps = {}
+    for stiffness in (5.0, 1e4):
+        joint = {"F": JOINT | {"kn_gpa_per_m": stiffness}}
+        project = ground(faults=plane, joints=joint, kind=kind)
+        checked = check(project, measure=False)
+        steps[stiffness] = checked.summary.steps
+        found = [finding for finding in checked.findings if finding.code == "D45"]
+        assert bool(found) == (stiffness > 5.0)
+    (finding,) = found
+    assert "'F' with 10000 GPa/m" in finding.text
+    assert "joint 'F'" in checked.summary.limited_by
+    assert finding.numbers["price"] == pytest.approx(steps[1e4] / steps[5.0], rel=0.3)
+    assert finding.numbers["enough"] < 200e9
 
 
 def test_the_step_of_ground_with_quality_factors_is_found_in_seconds(ground):

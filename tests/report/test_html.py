@@ -1,5 +1,6 @@
 import base64
 import re
+from dataclasses import replace
 from html.parser import HTMLParser
 
 import numpy as np
@@ -188,6 +189,16 @@ def test_every_table_row_has_the_cells_of_its_head(page):
     for table in re.findall(r"<table>.*?</table>", page, re.DOTALL):
         rows = [len(re.findall(r"<t[hd]", row)) for row in re.findall(r"<tr>.*?</tr>", table, re.S)]
         assert len(set(rows)) == 1
+
+
+def test_every_receiver_near_a_source_has_a_row(tmp_path):
+    result = read_result(run.run(written(tmp_path)).folder / "result.h5")
+    row = {"source": "hole 1", "distance": 4.0, "edge": 20.0, "error": 0.4, "edge_needed": 3.0}
+    near = [{**row, "receiver": f"R{number}"} for number in range(20)]
+    shown = render(replace(result, summary={**result.summary, "near_sources": near}))
+
+    rows = re.findall(r"<tr><td>R\d+</td><td class=\"words\">hole 1</td>", shown)
+    assert len(rows) == 20
 
 
 def test_numbers_are_shown_with_a_dash_where_there_is_none():

@@ -17,11 +17,11 @@ from pyblast.model.ground_fields import Gradient
 from pyblast.model.half_space import explosion as in_half_space
 from pyblast.model.material import Damping, Material
 from pyblast.model.model import Model, Receiver
-from pyblast.model.source import Hole, MomentTensor, TimeFunction
+from pyblast.model.source import Column, Hole, MomentTensor, PointForce, TimeFunction
 from pyblast.solver.injection import near_receivers, patch_of, tapered
 from pyblast.solver.preparation import export, prepare
 from pyblast.solver.run import integrated, simulate
-from verification.solutions.full_space import Bell, explosion
+from verification.solutions.full_space import Bell, explosion, moment, point_force
 
 ROCK = Material.from_speeds(2600.0, 4000.0, 2300.0)
 BELL = Bell(12.0)
@@ -95,6 +95,62 @@ def test_a_deep_explosion_is_that_of_unbounded_rock():
         assert error(records[name].velocity, wanted) < 0.01, name
 
 
+TENSORS = {"column": np.diag([1.0, 1.0, 0.5]), "couple": np.array([[0, 1, 0], [1, 0, 0], [0, 0, 0]])}
+
+
+@pytest.mark.parametrize("kind", TENSORS)
+@pytest.mark.parametrize("centre", [(30.0, 30.0), (12.0, -25.0)])
+def test_a_deep_tensor_is_that_of_unbounded_rock(kind, centre):
+    points = {"5 m": (3.0, 4.0, -90.0), "10 m": (0.0, 6.0, -98.0), "50 m": (30.0, 0.0, -130.0)}
+    source = MomentTensor(np.array([0.0, 0.0, -90.0]), TENSORS[kind], 0.0, RATE)
+    model = model_of([source], centre, points, ALL)
+
+    records = simulate(model, DURATION).seismograms
+
+    assert near_receivers(model) == ()
+    for name, at in points.items():
+        offset = np.add(at, (0.0, 0.0, 90.0))
+        wanted = 1e9 * moment(records[name].times, offset, TENSORS[kind], BELL, ROCK)
+        assert error(records[name].velocity, wanted) < 0.02, name
+
+
+def test_a_deep_force_is_that_of_unbounded_rock():
+    points = {"5 m": (3.0, 4.0, -90.0), "50 m": (30.0, 0.0, -130.0)}
+    push = np.array([0.6, 0.0, -0.8])
+    force = PointForce(np.array([0.0, 0.0, -90.0]), push, RATE)
+    model = model_of([force], (30.0, 30.0), points, ALL)
+
+    records = simulate(model, DURATION).seismograms
+
+    for name, at in points.items():
+        offset = np.add(at, (0.0, 0.0, 90.0))
+        wanted = 1e9 * point_force(records[name].times, offset, push, BELL, ROCK)
+        assert error(records[name].velocity, wanted) < 0.02, name
+
+
+def test_a_deep_column_is_the_sum_of_its_points():
+    points = {"5 m": (3.0, 4.0, -90.0), "50 m": (30.0, 0.0, -130.0)}
+    column = Column(np.array([0.0, 0.0, -96.0]), np.array([0.0, 0.0, -84.0]), 1.0, 0.0, RATE)
+    model = model_of([column], (30.0, 30.0), points, ALL)
+
+    records = simulate(model, DURATION).seismograms
+
+    for name, at in points.items():
+        places, delays = column.points(60)
+        wanted = sum(
+            1e9 / 60 * moment(records[name].times - late, at - place, column.tensor(ROCK), BELL, ROCK)
+            for place, late in zip(places, delays, strict=True)
+        )
+        assert error(records[name].velocity, wanted) < 0.02, name
+
+
+def test_under_a_free_surface_a_tensor_is_not_injected_and_an_explosion_beside_it_is():
+    tensor = MomentTensor(np.array([0.0, 0.0, -8.0]), TENSORS["couple"], 0.0, RATE)
+
+    assert patch_of(model_of([tensor])) == "under a free surface only explosions are injected"
+    assert patch_of(model_of([tensor, hole((0.0, 0.0, -8.0))])).sources == (1,)
+
+
 def test_holes_superpose_with_delays_between_the_steps():
     parts = [hole((0.0, 0.0, -8.0)), hole((9.0, -4.0, -11.0), 0.0137, 3.0)]
     together, *alone = (
@@ -137,7 +193,7 @@ OBSTACLES = {
     "an element from a source": ({}, (100.0, 0.0, -8.0)),
     "speeds vary": ({"ground": [Gradient(0.2, 100.0)]}, None),
     "takes more than 2 %": ({"damping": Damping(0.05, 12.0)}, None),
-    "no source is an explosion": ({}, np.diag([1.0, 1.0, 2.0])),
+    "only explosions are injected": ({}, np.diag([1.0, 1.0, 2.0])),
     "elements of order 3 carry": ({"order": 3}, None),
 }
 

@@ -14,8 +14,7 @@ from ...inference.parameter import Parameter
 from ...model.joint import Joint
 from ...model.material import Material
 from ...project.elements import for_band, scaled, survey_positions
-from ...project.flat_box import band_of, ground_materials, is_anisotropic
-from ...project.ground import joint_of_surface, make_joint, make_material
+from ...project.ground import is_anisotropic, joint_of_surface, make_joint, make_material
 from ..hypotheses import hypothesis, remeshable
 
 UPRIGHT = 90.0  # deg
@@ -48,7 +47,7 @@ def _direction(degrees):
 
 def _highest(project):
     """Return the highest frequency in Hz that is compared."""
-    band = band_of(project.config)
+    band = project.config.band_hz
     assert band is not None  # a case has one
     return band[1]
 
@@ -99,7 +98,7 @@ def _on_top(places, dip, direction, project):
 def _candidates(case, orientations):
     """Name candidate planes of orientations, between holes and receivers, away from listed ones."""
     project, names = case.project, []
-    fastest = max(project.materials[name].cs for name in ground_materials(project))
+    fastest = max(project.materials[name].cs for name in project.ground_materials)
     spacing = fastest / (EDGES * case.band.high)
     holes = np.concatenate([blast.centres for blast in project.blasts.values()])
     receivers = np.array([r.position for r in project.receivers if r.name in case.receivers])
@@ -213,7 +212,7 @@ def _fault(project, target, offset, turn=0.0, steeper=0.0):
 
 def _apart(project, fault):
     """Tell whether a plane keeps its distance from listed parallel ones."""
-    fastest = max(project.materials[name].cs for name in ground_materials(project))
+    fastest = max(project.materials[name].cs for name in project.ground_materials)
     least = NEAREST * fastest / (EDGES * _highest(project))
     dip, direction = _orientation(fault)
     along = _direction(direction)
@@ -554,7 +553,7 @@ def isotropic_materials(case) -> tuple[str, ...]:
     """Name the materials of the ground whose two speeds may change."""
     project = case.project
     isotropic = not is_anisotropic(project.materials)
-    return tuple(ground_materials(project)) if isotropic else ()
+    return tuple(project.ground_materials) if isotropic else ()
 
 
 @hypothesis(
