@@ -10,13 +10,9 @@ import numpy as np
 from .. import core
 from ..core import JOINT_LAWS
 from ..errors import SolverError
-<<<<<<< HEAD
 from ..ground.tables import joint_of_surface
-from ..inference.covariance import SCATTER, error_columns, whitener
-=======
 from ..inference.covariance import RecordBlocks, noise_blocks
 from ..inference.error_model import NORMAL_95, Change, ErrorModel, Levels
->>>>>>> error
 from ..inference.likelihood import signed_residuals
 from ..inference.nuisances import SCATTER, design_nuisances, scattering
 from ..inference.records import Band, Noise
