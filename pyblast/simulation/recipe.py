@@ -521,7 +521,7 @@ def _hexahedra(ground, stations, geometry, wave, lines=None):
             trials += meshes(max(lowest, best + (1 if best == max(ORDERS) else -1)), BUILDERS)
     trials.sort(key=lambda each: each[0])
     cut = {CUT: subdivided.build_subdivided}
-    last = (each for factor in (1.0, 0.5) for each in meshes(order or orders[0], cut, factor))
+    last = (each for factor in (1.0, 0.5) for each in meshes(order or ORDERS[0], cut, factor))
     for _, how, mesh in chain(trials, last):
         rows = as_built(mesh, geometry, wave, stations.positions)
         wrong = differences(rows)
