@@ -7,7 +7,6 @@ import numpy as np
 from pyblast.diagnosis import library  # noqa: F401  fills the library
 from pyblast.diagnosis.hypotheses import LIBRARY
 from pyblast.model.material import ConstantQ
-from pyblast.project.elements import for_band
 from pyblast.solver.preparation import prepare
 from pyblast.solver.run import simulate
 
@@ -53,7 +52,7 @@ def laws():
 
 def in_eight(site):
     """Return the model of the largest blast as a diagnosis runs it, but in eight bytes."""
-    return site.changed(mesh=for_band(site, BAND[1])).of(BLAST).model
+    return site.changed(mesh=site.for_band(BAND[1])).of(BLAST).model
 
 
 def difference(model):

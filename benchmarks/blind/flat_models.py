@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pyblast.errors import InputError
+from pyblast.ground.tables import is_anisotropic
 from pyblast.mesh.builder import Layer, structured_box
 from pyblast.mesh.grid import GROWTH, graded_axis
 from pyblast.mesh.mesh import Mesh
@@ -12,7 +13,6 @@ from pyblast.model.boundary import Viscous
 from pyblast.model.material import ConstantQ
 from pyblast.model.model import Model, SpongeLayer
 from pyblast.model.source import Hole
-from pyblast.project.ground import is_anisotropic
 from pyblast.project.places import axis_limits, make_absorbing_layer
 from pyblast.project.project import Project
 

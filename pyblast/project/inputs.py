@@ -31,7 +31,7 @@ from ..recordings.recording import (
 from ..signals.seismogram import GEOGRAPHIC, Seismogram, fast_length
 from ..signals.spectra import LowPassed, dominant_frequency, highest_frequency, lowpass
 from ..units import to_si
-from .places import carried_frequency, charge_depth, level_distance
+from .places import charge_depth, level_distance
 
 QUIET_CYCLES = 3.0
 
@@ -547,8 +547,11 @@ class Inside:
         )
 
 
-def read_inside(project) -> Inside:
-    """Read the time functions of all sources of a `Project`."""
+def read_inside(project, carried) -> Inside:
+    """Read the time functions of all sources of a `Project`.
+
+    ``carried()`` is the frequency in Hz that its mesh carries around the holes.
+    """
     config, materials, folder = project.config, project.materials, project.folder
     rate = air = corner = whole = None
     if config.holes_inside is not None:
@@ -561,7 +564,7 @@ def read_inside(project) -> Inside:
                 config.holes_inside, exponent, materials, folder, distance, depth, project.log
             )
             low_pass = config.holes_inside.low_pass_hz or ("none" if hole is None else "mesh")
-            rate, corner = within_band(whole, low_pass, lambda: carried_frequency(project))
+            rate, corner = within_band(whole, low_pass, carried)
     if config.air_blast is not None:
         air = make_air_pulse(config.air_blast, folder, project.log)
     forces, tensors, pressures = (

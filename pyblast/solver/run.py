@@ -547,19 +547,12 @@ def _common(name, values):
 
 
 def _integrate_batch(models, prepared, constants, state):
-    """Integrate a batch to the end in chunks; return motion and energy, members last."""
-    total, step, chunks = prepared[0].n_steps, 0, Chunks(1)
-    views, motions, energies = core.to_fortran_batch(constants), [], []
-    while step < total:
-        n_steps = min(chunks.end(step), total) - step
-        with chunks.timed(n_steps):
-            motion, energy, failed = core.advance_batch(views, state, step, n_steps, LEDGER_EVERY)
-        step += len(motion)
-        motions.append(motion)
-        energies.append(energy)
-        if failed is not None:
-            node, member = failed
-            member = member if member < len(models) else 0  # unused members repeat the first
-            text = failure(models[member], prepared[member], step, node)
-            raise SolverError(f"model {member + 1} of the batch: {text}")
-    return np.concatenate(motions), np.moveaxis(np.concatenate(energies), 1, -1)
+    """Integrate a batch to the end; return motion and energy, members last."""
+    views, n_steps = core.to_fortran_batch(constants), prepared[0].n_steps
+    motion, energy, failed = core.advance_batch(views, state, 0, n_steps, LEDGER_EVERY)
+    if failed is not None:
+        node, member = failed
+        member = member if member < len(models) else 0  # unused members repeat the first
+        text = failure(models[member], prepared[member], len(motion), node)
+        raise SolverError(f"model {member + 1} of the batch: {text}")
+    return motion, np.moveaxis(energy, 1, -1)

@@ -24,7 +24,6 @@ from ..diagnosis.mistakes import mistakes_of
 from ..diagnosis.search import Search, search
 from ..diagnosis.summary import held_out_blasts, known_so_far, not_computed, summarise_diagnosis
 from ..errors import InputError, ReadError, contained
-from ..project.elements import better_mesh
 from ..project.level import expected_peaks, level_findings
 from ..project.places import extent_of
 from ..project.project import Project, load_project, with_further
@@ -33,6 +32,7 @@ from ..recordings.seismic import channel_names, mseed_bytes
 from ..report.diagnosis import write_diagnosis_report
 from ..runs.parallel import WHOLE, code_hash
 from ..signals.seismogram import Seismogram
+from ..simulation.recipe import BETTER
 from ..solver.preparation import versions
 from . import Interrupted, Progress, Say, numbered_folders, result_folder, silent
 
@@ -189,7 +189,7 @@ def prepared(
     """
     failures = {} if failures is None else failures
     forward, finer = Forward(case, folder, executor), None
-    if not wrong and case.share is None and better_mesh(case.project) is not None:
+    if not wrong and case.share is None and case.project.refined(BETTER) is not None:
         finer = Forward(case, folder, executor, fine=True)  # trusted shots show the mesh's error
     table = case.project.config.diagnosis
     fixed = wrong or case.share is not None or (table is not None and not table.calibrate)

@@ -357,10 +357,6 @@ def write_curves(folder: Path, result: Result) -> None:
     The files are ``GROUP_RECEIVER.csv``, with ``_spectrum`` the smoothed spectrum, with
     ``_response`` PSV, SD and SA at 5 % damping, for the groups input, simulated and recorded.
     """
-    try:
-        folder.mkdir(exist_ok=True)
-    except OSError as error:
-        raise ReadError(f"{folder}: can't be made ({error.strerror or error})") from None
     for group in ("input", "simulated", "recorded"):
         for name, motion in result.seismograms(group).items():
             stem = "".join(c if c.isalnum() or c in "-_." else "_" for c in f"{group}_{name}")
@@ -383,10 +379,6 @@ def write_curves(folder: Path, result: Result) -> None:
 def write_mesh_files(project: Project, out: str | Path) -> ModelSummary:
     """Write ``zones.vtu`` and ``joints.vtu`` of a project; return the summary of its model."""
     out = Path(out)
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise ReadError(f"{out}: can't be made ({error.strerror or error})") from None
     shown = project.model.shown
     mesh = shown.mesh
     fields = {name: values[shown.zone] for name, values in zone_fields(project.model).items()}

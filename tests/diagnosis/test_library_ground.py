@@ -14,8 +14,8 @@ from pyblast.config.ground import LayerConfig
 from pyblast.diagnosis.forward import Forward
 from pyblast.diagnosis.hypotheses import LIBRARY
 from pyblast.diagnosis.library.ground import Fabric
+from pyblast.ground.tables import quality_of
 from pyblast.model.anisotropy import christoffel, stiffness_of
-from pyblast.project.ground import quality_of
 
 
 def test_every_effect_lists_where_it_may_be():

@@ -19,7 +19,7 @@ from pyblast.diagnosis.forward import Forward
 from pyblast.diagnosis.hypotheses import LIBRARY, untestable_labels
 from pyblast.diagnosis.library.ground import not_flat
 from pyblast.errors import InputError
-from pyblast.project.ground import quality_of
+from pyblast.ground.tables import quality_of
 from pyblast.project.project import load_project, with_further
 from pyblast.recordings.recording import read_stations
 from pyblast.runs.parallel import input_hash

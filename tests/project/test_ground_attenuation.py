@@ -7,9 +7,9 @@ from small_project import written
 from benchmarks.blind.flat_models import Discretization, flat_model
 from examples.case_folder import write_projects
 from pyblast.errors import InputError
+from pyblast.ground.tables import quality_of
 from pyblast.model.material import ConstantQ
 from pyblast.project.checks import check
-from pyblast.project.ground import quality_of
 from pyblast.project.project import load_project
 
 SOIL = "shear_mpa = 57.7"

@@ -473,19 +473,18 @@ def _jointed_rock(config, layers, surface, fractures, relief):
         )  # fmt: skip
 
 
-def make_geometry(config, surface=None) -> Geometry:
-    """Return the geometry of the ground that a `Config` asks for.
+def make_geometry(mesh, viscous, surface=None) -> Geometry:
+    """Return the geometry of the ground that a `MeshConfig` asks for.
 
     Parameters
     ----------
-    config : Config
+    mesh : MeshConfig
+    viscous : set of str
+        Sides through which waves leave.
     surface : (n, 3) or (n, 3, 3) float64, m, optional
         Surveyed top surface.
     """
-    mesh = config.mesh
     low = np.array(mesh.origin_m, dtype=float)
-    enters = config.signature is not None  # through a side, whose waves would leave the layer
-    viscous = set() if enters else set(config.boundaries.viscous)
     sets, faults = joints_and_faults(mesh)
     with named_error("mesh"):
         return Geometry(
