@@ -9,7 +9,7 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from ..core import JOINT_LAWS
+from ..core import JOINT_LAWS, ZONE_LAWS
 from ..errors import InputError, contained, named_error
 from ..ground.tables import quality_of
 from ..inference.parameter import Parameter
@@ -80,7 +80,7 @@ def elastic_materials(case: Case) -> str:
     """Require ground that is elastic, so that it may have another law."""
     for name in case.project.ground_materials:
         law = case.project.materials[name].law.name
-        if law not in ("elastic", "anisotropic"):
+        if not ZONE_LAWS[law].elastic:
             return f"material {name!r} follows the law {law!r}, and no other beside it"
     return ""
 
@@ -190,7 +190,7 @@ def whole_site(case: Case) -> tuple[str, ...]:
 
 def joints(case: Case) -> tuple[str, ...]:
     """Return the names of the elastic joints."""
-    return tuple(joint.surface for joint in case.project.joints if joint.law == "elastic")
+    return tuple(joint.surface for joint in case.project.joints if JOINT_LAWS[joint.law].elastic)
 
 
 def blasts(case: Case) -> tuple[str, ...]:
