@@ -380,15 +380,15 @@ def read_priors(path: Traversable) -> dict[str, tuple[Parameter, ...]]:
     for name, table in tomllib.loads(path.read_text(encoding="utf-8")).items():
         for parameter, row in table.items():
             where = f"{path.name}: {name}.{parameter}"
-            if unknown := row.keys() - keys:
+            if foreign := row.keys() - keys:
                 known = ", ".join(sorted(keys))
-                raise InputError(f"{where}: unknown key {min(unknown)!r}; known are {known}")
+                raise InputError(f"{where}: unknown key {min(foreign)!r}; known are {known}")
             for key in ("mean", "sigma", "starts"):
                 if key not in row:
                     raise InputError(f"{where}: {key}: missing")
             with named_error(f"{path.name}: {name}"):
-                one = Parameter(parameter, **{**row, "starts": tuple(row["starts"])})
-            priors[name] = (*priors.get(name, ()), one)
+                prior = Parameter(parameter, **{**row, "starts": tuple(row["starts"])})
+            priors[name] = (*priors.get(name, ()), prior)
     return priors
 
 
