@@ -514,8 +514,8 @@ def detection_limits(scores: SiteScores, labels: Sequence[str] = ()) -> list[dic
 
     Notes
     -----
-    Theory.md (14.12), by `SiteScores.drawn`: a change is taken as linear, up to what was simulated where
-    the effect grows with charge.
+    Theory.md (14.12), by `SiteScores.drawn`: a change is taken as linear in the departure, up to
+    what was simulated where the effect grows with charge.
     """
     number = {}
     for member in scores.members:

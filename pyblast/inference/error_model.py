@@ -240,12 +240,12 @@ class Scores:
             information, along = each.information[change], each.along[change]
             inner, added = np.eye(len(information)) + information, information[:, shape]
             mean, moved = np.linalg.solve(inner, along), np.linalg.solve(inner, added)
-            ones = np.ones(along.shape[1])
-            evidence.append([each.evidence, -along[shape], -0.5 * added[shape] * ones])
+            same = np.ones(along.shape[1])
+            evidence.append([each.evidence, -along[shape], -0.5 * added[shape] * same])
             still = 0.5 * (np.sum(along * mean, axis=0) - np.linalg.slogdet(inner)[1])
-            bayes.append([still, added @ mean, 0.5 * (added @ moved) * ones])
+            bayes.append([still, added @ mean, 0.5 * (added @ moved) * same])
             root = np.sqrt(inner[0, 0])
-            beyond.append([root * mean[0], root * moved[0] * ones])
+            beyond.append([root * mean[0], root * moved[0] * same])
         return (np.swapaxes(rows, 0, 1) for rows in (evidence, bayes, beyond))
 
 
