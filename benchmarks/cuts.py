@@ -8,13 +8,13 @@ from pyblast.diagnosis import library  # noqa: F401  fills the library
 from pyblast.diagnosis.calibration import calibrated_parameters, with_values
 from pyblast.diagnosis.hypotheses import LIBRARY
 from pyblast.inference.records import band_functions
-from pyblast.project.elements import FINER_ERROR, OF_FITS, for_band
 from pyblast.runs.parallel import cached_run
+from pyblast.simulation.recipe import FINER_ERROR, OF_FITS
 
 from .blind.sites import AFTER, BAND, DT, draw_site, project_of
 
 TITLE = "Mesh of a diagnosis"
-ACCURACIES = 0.005, 0.01, 0.015, 0.03  # as of `for_band`
+ACCURACIES = 0.005, 0.01, 0.015, 0.03  # as of `Project.for_band`
 SITES = {"quick": 1, "usual": 6, "long": 20}
 BLAST = "B2"
 DRAWN = 31  # seed of the sites and of the signs
@@ -47,7 +47,7 @@ def changed(site, rng):
 
 def heard(sites, accuracy):
     """Return motion (n_sites, n_receivers, 3, n_samples) in the band, and seconds a run."""
-    mesh, found = for_band(sites[0], BAND[1], accuracy), []
+    mesh, found = sites[0].for_band(BAND[1], accuracy), []
     began = time.process_time()
     for site in sites:
         own = site.changed(mesh=mesh).of(BLAST)

@@ -6,8 +6,7 @@ import numpy as np
 
 from pyblast.diagnosis import library  # noqa: F401  fills the library
 from pyblast.diagnosis.hypotheses import LIBRARY
-from pyblast.project.elements import for_band
-from pyblast.project.flat_box import constant_q
+from pyblast.model.material import ConstantQ
 from pyblast.solver.preparation import prepare
 from pyblast.solver.run import simulate
 
@@ -44,7 +43,7 @@ def laws():
         ),
         "constant Q": lambda site: site.changed(
             materials={
-                name: replace(one, law=constant_q(*QUALITY, BAND))
+                name: replace(one, law=ConstantQ.around(*QUALITY, BAND))
                 for name, one in site.materials.items()
             }
         ),
@@ -53,7 +52,7 @@ def laws():
 
 def in_eight(site):
     """Return the model of the largest blast as a diagnosis runs it, but in eight bytes."""
-    return site.changed(mesh=for_band(site, BAND[1])).of(BLAST).model
+    return site.changed(mesh=site.for_band(BAND[1])).of(BLAST).model
 
 
 def difference(model):

@@ -17,9 +17,8 @@ from pyblast.diagnosis.effects import Effect, diagnosed
 from pyblast.mesh.builder import structured_box
 from pyblast.mesh.grid import Layer, graded_axis
 from pyblast.model.boundary import SpongeLayer, Viscous
-from pyblast.model.model import Model
+from pyblast.model.model import Model, Receiver
 from pyblast.model.source import Hole
-from pyblast.project.flat_box import flat_box, place_in_box
 from pyblast.project.project import Project, load_project, with_further
 from pyblast.solver.run import simulate
 
@@ -154,8 +153,8 @@ def main(folder):
     """Write projects and records."""
     first = write_projects(Path(folder))
     reference = with_further(load_project(first))
-    reference = reference.changed(receivers=place_in_box(reference.config.receivers,
-                                                         flat_box(reference)))  # fmt: skip
+    places = ((f"R{k}", tuple(map(float, place))) for k, place in enumerate(PLACES, 1))
+    reference = reference.changed(receivers=tuple(Receiver(*place) for place in places))
     effect = Effect("joint_nonlinear_closure", "J1", ((CLOSED,),))
     write_records(Path(folder), diagnosed(reference, np.array(ERRORS), [effect]), seed=1)
     print(f"written: {folder}; now: pyblast diagnose {first} --out found")

@@ -43,7 +43,7 @@ if TYPE_CHECKING:
     from .model.source import Hole, PointForce, TimeFunction
 
     # Solve
-    from .workflows.run import simulate
+    from .solver.run import simulate
 
     # Project files: read, check, run, report
     from .project.project import Project, load_project

@@ -27,17 +27,9 @@ else:
 log = logging.getLogger(__name__)
 
 ENERGIES = (
-    "kinetic",
-    "strain",
-    "joint_stored",
-    "joint_dissipated",
-    "zone_dissipated",
-    "damping",
-    "dashpots",
-    "input",
-    "insitu",
-    "unbalanced",
-)
+    "kinetic", "strain", "joint_stored", "joint_dissipated", "zone_dissipated", "damping",
+    "dashpots", "input", "insitu", "unbalanced",
+)  # fmt: skip
 # Sizes of the cores for batches and for single precision, which are loaded when first used.
 BATCH_SIZE = 8  # runs in one batch
 HEX_WIDTH = {  # hexahedra side by side in memory, by single precision

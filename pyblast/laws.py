@@ -145,8 +145,8 @@ class Law:
         """Whether the law is linear and keeps no state."""
         return self.linear and not self.state
 
-    def complete(self, where: str, given: Mapping[str, float | None]) -> dict[str, float]:
-        """Return all properties in the order of the routine, checked, those not given by default.
+    def check(self, where: str, given: Mapping[str, float | None]) -> None:
+        """Raise InputError for a property that is unknown, or out of range whatever others are.
 
         Parameters
         ----------
@@ -154,6 +154,22 @@ class Law:
             For messages, such as "joints.F1".
         given : dict of str to float or None
             SI; None is not given.
+        """
+        for name, value in given.items():
+            if name not in self.properties:
+                raise InputError(
+                    f"{where}.{name}: unknown to '{self.name}'; it has {' '.join(self.properties)}"
+                )
+            if value is not None:
+                self.properties[name].check(f"{where}.{name}", value)
+
+    def complete(self, where: str, given: Mapping[str, float | None]) -> dict[str, float]:
+        """Return all properties in the order of the routine, checked, those not given by default.
+
+        Parameters
+        ----------
+        where, given
+            As of `check`.
 
         Raises
         ------
@@ -166,11 +182,7 @@ class Law:
         >>> JOINT_LAWS["elastic"].complete("joints.F1", {"ks": 1e9, "kn": 2e9})
         {'kn': 2000000000.0, 'ks': 1000000000.0}
         """
-        for name in given:
-            if name not in self.properties:
-                raise InputError(
-                    f"{where}.{name}: unknown to '{self.name}'; it has {' '.join(self.properties)}"
-                )
+        self.check(where, given)
         values: dict[str, float] = {}
         for name, prop in self.properties.items():
             value = given.get(name)
@@ -179,7 +191,6 @@ class Law:
                 value = factor * values[other] if other else factor
             if value is None:
                 raise InputError(f"{where}.{name}: missing; the law '{self.name}' needs it")
-            prop.check(f"{where}.{name}", value)
             values[name] = float(value)
         for prop in self.properties.values():
             prop.check_beside(where, values)

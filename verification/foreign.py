@@ -3,12 +3,12 @@
     python -m verification.foreign [FOLDER OF CASES] [--keep FOLDER] [case ...]
     ./dev sites [FOLDER OF SITES] [--keep FOLDER] [case ...]
 
-The first has flat layers and upright joints, as case folders; the second has real geometry, as
-project files (in ``PYBLAST_SITES`` by default), one at a time in this process. Nothing of these
-truths enters the program: they are read here, after the answer is written. Rows that
-``verification/foreign.json`` or ``verification/sites.json`` has already are kept, so a study that
-was stopped goes on; ``--again`` diagnoses them, too, and ``--minutes N`` begins no case after that
-time.
+The first has flat layers and upright joints, as case folders that are first written as project
+files; the second has real geometry (in ``PYBLAST_SITES`` by default), one at a time in this
+process. Nothing of these truths enters the program: they are read here, after the answer is
+written. Rows that ``verification/foreign.json`` or ``verification/sites.json`` has already are
+kept, so a study that was stopped goes on; ``--again`` diagnoses them, too, and ``--minutes N``
+begins no case after that time.
 """
 
 import os
@@ -22,14 +22,16 @@ from pathlib import Path
 
 import numpy as np
 
+from examples.case_folder import write_projects
 from pyblast.errors import contained
 from pyblast.inference.records import band_functions
 from pyblast.project.project import load_project
 from pyblast.project.result import write_text
 from pyblast.recordings.recording import read_stations
 from pyblast.runs.parallel import workers
-from pyblast.workflows.diagnose import diagnose_folder, predict_file
+from pyblast.workflows.diagnose import diagnose_file, predict_file
 
+from .independent_cases import WRITTEN
 from .rows import each_row, options
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -57,19 +59,19 @@ COMPARED = (
 
 def judged(cases, name, keep, executor):
     """Diagnose one case, predict its further blast, and open its truth."""
-    folder, out = cases / name, keep / name
-    if (folder / PROJECT).is_file():
-        folder = folder / PROJECT
+    file, out = cases / name / PROJECT, keep / name
+    if not file.is_file():
+        file = write_projects(cases / name, WRITTEN / name)
     began = time.process_time()
-    answer = diagnose_folder(folder, out, executor=executor, progress=_told)
+    answer = diagnose_file(file, out, executor=executor, progress=_told)
     spent = time.process_time() - began
     truth_folder = cases / "truth" / name
     misfits, failures = {}, {}
     for model, baseline in (("diagnosed", False), ("calibrated", True)):
         path, misfits[model] = out / f"{model}.mseed", None
         with contained(failures, f"prediction, {model}"):
-            predict_file(folder, out, answer, truth_folder / f"{BLAST}_holes.csv", path, baseline)
-            misfits[model] = _misfit(truth_folder / f"{BLAST}.mseed", path, folder)
+            predict_file(file, out, answer, truth_folder / f"{BLAST}_holes.csv", path, baseline)
+            misfits[model] = _misfit(truth_folder / f"{BLAST}.mseed", path, file)
     truth = tomllib.loads((truth_folder / "truth.toml").read_text())
     geometry = {"geometry": truth["template"]} if "template" in truth else {}
     return {
@@ -128,25 +130,18 @@ def _told(stage, done, total):
     print(f"  {time.process_time():.0f} s  {stage} {done}/{total}", flush=True)
 
 
-def _band(folder):
-    """Return the band in Hz that a case folder or a project compares."""
-    if folder.is_file():
-        return tomllib.loads(folder.read_text())["diagnosis"]["band_hz"]
-    return tomllib.loads((folder / "site.toml").read_text())["recording"]["band_hz"]
-
-
-def _misfit(recorded, predicted, folder):
+def _misfit(recorded, predicted, file):
     """Return the median over receivers of the energy of the difference over that of the record.
 
     Of those that are predicted: not those near a source. Records go through the low-pass of what
     enters, as those of the diagnosis do.
     """
     there, here = (read_stations(path) for path in (recorded, predicted))
-    corner = load_project(folder).low_pass if folder.is_file() else None
+    project = load_project(file)
     misfits = []
     for name in there.keys() & here.keys():
-        record = there[name].filtered_like(corner).seismogram
-        band = band_functions(len(record.velocity), record.dt, _band(folder))
+        record = there[name].filtered_like(project.low_pass).seismogram
+        band = band_functions(len(record.velocity), record.dt, project.config.band_hz)
         data, model = (v.T @ band.basis for v in (record.velocity, here[name].seismogram.velocity))
         misfits.append(np.sum((data - model) ** 2) / np.sum(data**2))
     return round(float(np.median(misfits)), 5)

@@ -374,7 +374,7 @@ def geometry_row(seed: int, number: int) -> dict:
     tables, began = tables_of(seed, number), time.process_time()
     with tempfile.TemporaryDirectory() as folder:
         try:
-            ground = project_of(tables, Path(folder)).ground
+            ground = project_of(tables, Path(folder)).meshed
         except PyblastError as error:
             return {"refused": str(error), "cpu_seconds": time.process_time() - began}
     cpu = time.process_time() - began
@@ -390,7 +390,7 @@ def turned_row(seed: int, number: int, how: str) -> dict:
         project = project_of(tables, Path(folder))
         records = records_of(project) @ matrix.T
         difference = energy_of_difference(records, records_of(project_of(other, Path(folder))))
-    return {"elements": project.ground.reason, "energy_of_difference": difference}
+    return {"elements": project.meshed.reason, "energy_of_difference": difference}
 
 
 def pair_row(seed: int, number: int) -> dict:
@@ -416,7 +416,7 @@ def pair_row(seed: int, number: int) -> dict:
                 motions.append(records_of(project))
             except PyblastError as error:
                 return {"refused": f"{kind}: {error}", "cpu_seconds": time.process_time() - began}
-        elements.append(project.ground.reason)
+        elements.append(project.meshed.reason)
         near = {each.receiver for each in near_receivers(project.model)}
         far &= np.array([receiver.name not in near for receiver in project.model.receivers])
     hexahedra, finer, tetrahedra, smaller = (motion[far] for motion in motions)

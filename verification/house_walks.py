@@ -24,7 +24,7 @@ FIRST = 300  # calls of a walk that are followed
 # What is counted and walked, with the functions that do it, ``module:name``: those of this tree,
 # and those of older ones.
 COUNTED = {
-    "grounds built": ("simulation.recipe:make_ground", "project.elements:make_ground"),
+    "grounds built": ("simulation.recipe:mesh_ground", "project.elements:make_ground"),
     "grounds surveyed": ("mesh.as_built:as_built",),
     "models built": ("simulation.simulation:model", "project.project:model"),
     "records gathered": ("survey:records", "diagnosis.case:case_of"),

@@ -18,14 +18,13 @@ import numpy as np
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 
-from benchmarks.blind.flat_models import Discretization, flat_mesh, flat_model
-from pyblast.project.case_folder import read_case_folder
-from pyblast.project.flat_box import band_of, flat_box
+from benchmarks.blind.flat_models import Discretization, flat_box, flat_mesh, flat_model
 from pyblast.signals.comparison import compare
 from pyblast.solver.run import simulate
 
 from .independent_cases import (
     air_blasts,
+    case_project,
     effects_of,
     true_site,
     truth_of,
@@ -56,7 +55,7 @@ DURATION = 1.2
 
 def site_of(cases, case, model):
     """Return a site as one of `MODELS` has it."""
-    site = read_case_folder(cases / case)
+    site = case_project(cases, case)
     truth = truth_of(cases, site)
     if model == "true":
         site = true_site(cases, site)
@@ -71,7 +70,7 @@ def measured(site, blast, edge, air=()):
     done = simulate(replace(model, sources=(*model.sources, *air)), DURATION)
     misfits = {
         name: compare(
-            recording.seismogram, done.seismograms[name], band_of(site.config), time_frequency=False
+            recording.seismogram, done.seismograms[name], site.config.band_hz, time_frequency=False
         ).total_waveform_misfit
         for name, recording in site.of(blast).records.items()
     }
@@ -89,7 +88,7 @@ def measured(site, blast, edge, air=()):
 def planned(cases):
     """List what the study consists of."""
     for case, blasts in BLASTS.items():
-        effects = effects_of(truth_of(cases, read_case_folder(cases / case)))
+        effects = effects_of(truth_of(cases, case_project(cases, case)))
         for blast in blasts:
             for model in MODELS:
                 if model == "effect" and not effects:

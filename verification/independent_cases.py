@@ -1,4 +1,4 @@
-"""Case folders of the independent program, and what their truth files say of them.
+"""Cases of the independent program as projects, and what their truth files say of them.
 
 Nothing in pyblast reads a truth file. The study uses them to switch on the physics that a case
 conceals with the parameters it was made with, and to take the nuisances away.
@@ -6,20 +6,33 @@ conceals with the parameters it was made with, and to take the nuisances away.
 
 import tomllib
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 
+from examples.case_folder import write_projects
 from pyblast.diagnosis import library  # noqa: F401  fills the library
 from pyblast.diagnosis.hypotheses import LIBRARY
 from pyblast.model.joint import Joint
-from pyblast.model.material import Material
+from pyblast.model.material import ConstantQ, Material
+from pyblast.model.model import Receiver
 from pyblast.model.source import AirBlast, TimeFunction
-from pyblast.project.flat_box import band_of, constant_q
+from pyblast.project.project import Project, load_project, with_further
 from pyblast.recordings.recording import read_stations
 
 OPEN = "open ground"
 AIR_STEP = 0.05  # of the air pulse, in its s
 STIFFEST = 400.0  # largest tangent of a closing joint over its initial stiffness
+
+
+WRITTEN = Path(__file__).resolve().parents[1] / "build" / "cases"
+
+
+def case_project(cases, name) -> Project:
+    """Return a case folder as the project of its first blast, with the further ones."""
+    project = with_further(load_project(write_projects(cases / name, WRITTEN / name)))
+    places = ((one.name, tuple(one.position_m)) for one in project.config.receivers)
+    return project.changed(receivers=tuple(Receiver(*place) for place in places))
 
 
 def truth_of(cases, site):
@@ -48,8 +61,13 @@ def true_site(cases, site):
     for name, blast in site.blasts.items():
         times = blast.times + np.array(nuisance["hole_time_s"][name])
         blasts[name] = replace(blast, times=np.maximum(times, 0.0))
-        zero = site.of(name).time_zero
-        records[name] = read_stations(folder / f"clean_{name}.mseed", time_zero=zero)
+        known = site.of(name).records
+        records[name] = {
+            station: replace(one, seismogram=replace(
+                one.seismogram, start=known[station].seismogram.start
+            ))
+            for station, one in read_stations(folder / f"clean_{name}.mseed").items()
+        }  # fmt: skip
     return site.changed(
         materials=materials, joints=joints, receivers=receivers, blasts=blasts, records=records
     )
@@ -70,7 +88,7 @@ def effects_of(truth):
 def _attenuation(site, parameters, truth):
     """Give all ground constant Q."""
     del truth
-    law = constant_q(parameters["Qp"], parameters["Qs"], band_of(site.config))
+    law = ConstantQ.around(parameters["Qp"], parameters["Qs"], site.config.band_hz)
     return site.changed(
         materials={name: replace(one, law=law) for name, one in site.materials.items()}
     )

@@ -50,7 +50,7 @@ def compared(path, record, holes=None):
     seconds, cpu_seconds = time.perf_counter() - began, time.process_time() - cpu
     in_band, unfiltered = misfits(run, project, record)
     return {
-        "elements": project.ground.reason,
+        "elements": project.meshed.reason,
         "error_median": float(np.median(in_band)),
         "error_worst": float(max(in_band)),
         "band_hz": list(project.config.run.compare_band_hz),

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pyblast.errors import InputError
+from pyblast.ground.tables import is_anisotropic
 from pyblast.mesh.builder import Layer, structured_box
 from pyblast.mesh.grid import GROWTH, graded_axis
 from pyblast.mesh.mesh import Mesh
@@ -12,16 +13,59 @@ from pyblast.model.boundary import Viscous
 from pyblast.model.material import ConstantQ
 from pyblast.model.model import Model, SpongeLayer
 from pyblast.model.source import Hole
-from pyblast.project.flat_box import (
-    OUTER,
-    FlatBox,
-    band_of,
-    constant_q,
-    flat_box,
-    is_anisotropic,
-)
-from pyblast.project.places import axis_limits
+from pyblast.project.places import axis_limits, make_absorbing_layer
 from pyblast.project.project import Project
+
+OUTER = "west", "east", "south", "north", "bottom"
+
+
+@dataclass(frozen=True)
+class Plane:
+    """Vertical plane ``axis`` = ``position`` between zones, unbounded or a rectangle.
+
+    Parameters
+    ----------
+    name : str
+    axis : str
+        "x" or "y".
+    position : float, m
+    extent : tuple of 2 float, m
+        Along the other horizontal axis.
+    depth : tuple of 2 float, m
+        Below the ground, positive down.
+    jointed : bool
+        Whether the plane is a joint; otherwise it only aligns the mesh.
+    """
+
+    name: str
+    axis: str
+    position: float
+    extent: tuple[float, float] = (-np.inf, np.inf)
+    depth: tuple[float, float] = (-np.inf, np.inf)
+    jointed: bool = True
+
+
+@dataclass(frozen=True, eq=False)
+class FlatBox:
+    """Flat box: geometry of flat layers with vertical joints.
+
+    Parameters
+    ----------
+    box : (3, 2) float64, m
+        The top is the free surface; padding continues beyond sides and bottom.
+    layers : tuple of (name, thickness m or None)
+        From the top down.
+    planes : tuple of Plane
+    """
+
+    box: np.ndarray
+    layers: tuple[tuple[str, float | None], ...]
+    planes: tuple[Plane, ...] = ()
+
+    @property
+    def top(self) -> float:
+        """Height of the ground, m."""
+        return float(self.box[2, 1])
 
 
 @dataclass(frozen=True)
@@ -79,6 +123,36 @@ class Discretization:
         if not (self.quadratic and is_anisotropic(materials)):
             return self
         return replace(self, edge=self.edge / 3.0, quadratic=False, single=False)
+
+
+def flat_box(project: Project) -> FlatBox:
+    """Return the geometry of a project that is a flat box, see `not_flat` of the library."""
+    mesh = project.config.mesh
+    low = np.array(mesh.origin_m)
+    box = np.column_stack([low, low + mesh.size_m])
+    top, layer = box[2, 1], make_absorbing_layer(project.config)
+    if layer is not None:
+        box = np.array(layer.box, dtype=float)
+    box[2, 1] = top
+    thicknesses = [*(layer.thickness_m for layer in mesh.layers[:-1]), None]
+    names = [layer.material for layer in mesh.layers]
+    jointed = {joint.surface for joint in project.joints}
+    planes = tuple(_plane(fault, float(top), fault.name in jointed) for fault in mesh.faults)
+    return FlatBox(box, tuple(zip(names, thicknesses, strict=True)), planes)
+
+
+def _plane(fault, top, jointed):
+    """Return a vertical fault as a plane."""
+    axis, (x, y, z) = ("y" if fault.dip_direction_deg % 180.0 == 0.0 else "x"), fault.through_m
+    position, middle = (x, y) if axis == "x" else (y, x)
+    if fault.extent_m is None:
+        return Plane(fault.name, axis, float(position), jointed=jointed)
+    along, down = (0.5 * length for length in fault.extent_m)
+    depth = top - z
+    return Plane(
+        fault.name, axis, float(position), (middle - along, middle + along),
+        (depth - down, depth + down), jointed,
+    )  # fmt: skip
 
 
 def flat_mesh(ground: FlatBox, cut: Discretization) -> Mesh:
@@ -155,7 +229,7 @@ def flat_model(
     mesh : Mesh, optional
         That of `flat_mesh`, made if not given.
     """
-    ground, own, band = flat_box(project), project.of(blast), band_of(project.config)
+    ground, own, band = flat_box(project), project.of(blast), project.config.band_hz
     names = [name for name, _ in ground.layers]
     materials = {name: _in_band(project.materials[name], band) for name in names}
     cut, rate = cut.of(materials), own.inside.moment_rate
@@ -188,4 +262,4 @@ def _in_band(material, band):
     """Return a material whose quality factors cover a band in Hz."""
     if not isinstance(material.law, ConstantQ):
         return material
-    return replace(material, law=constant_q(material.law.qp, material.law.qs, band))
+    return replace(material, law=ConstantQ.around(material.law.qp, material.law.qs, band))

@@ -18,7 +18,7 @@ from pyblast.diagnosis.effects import (
 from pyblast.diagnosis.forward import Forward
 from pyblast.diagnosis.hypotheses import blast_and_hole
 from pyblast.model.model import Receiver
-from pyblast.project.case_folder import read_case_folder
+from pyblast.project.project import Project, load_project, with_further
 from pyblast.project.result import plain
 from pyblast.runs.parallel import WHOLE, code_hash
 from pyblast.workflows.diagnose import diagnose
@@ -50,7 +50,7 @@ def answer(name: str, store: Path, seals: dict) -> str:
 
 def _answered(store, name):
     """Return the diagnosis of a case with its predictions."""
-    project, runs = read_case_folder(store / "cases" / name), store / "runs" / name
+    project, runs = project_in(store, name), store / "runs" / name
     made = diagnose(project, runs, budget=BUDGET, seed=DIAGNOSIS_SEED)
     summary = plain(made.summary)
     model, case, asked = summary["model"], made.scene.case, read_asked(store / "asked" / name)
@@ -104,6 +104,12 @@ def _short(motion):
     return [[[float(f"{v:.6g}") for v in row] for row in three] for three in motion]
 
 
+def project_in(store: Path, name: str) -> Project:
+    """Return the project of a case in a store, of its first blast with the further ones."""
+    first, only = (store / "cases" / name / f"{blast}.toml" for blast in ("S1", "B2"))
+    return with_further(load_project(first if first.is_file() else only))
+
+
 def case_in(store: Path, name: str):
     """Return the case of a folder."""
-    return case_of(read_case_folder(store / "cases" / name))
+    return case_of(project_in(store, name))

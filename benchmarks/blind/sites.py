@@ -12,11 +12,10 @@ from pyblast.model.joint import Joint
 from pyblast.model.material import Damping, Material
 from pyblast.model.model import Model, Receiver, SpongeLayer
 from pyblast.model.source import Hole, TimeFunction
-from pyblast.project.flat_box import OUTER, FlatBox, Plane
 from pyblast.project.inputs import Inside
 from pyblast.project.project import Project, make_project
 
-from .flat_models import Discretization, flat_mesh
+from .flat_models import OUTER, Discretization, FlatBox, Plane, flat_mesh
 
 SIZE = 120.0, 90.0, 60.0
 BAND = 5.0, 25.0
@@ -101,13 +100,13 @@ class Site:
         )
 
 
-def project_of(site: Site) -> Project:
-    """Return a site as the project of its first blast, with the further ones; without records."""
-    low, size = site.box[:, 0], np.ptp(site.box, axis=1)
-    tables = {
-        "title": "drawn", "run": {"duration_s": AFTER * DT, "compare_band_hz": list(site.band)},
+def tables_of(site: Site, title, **edges) -> dict:
+    """Return a site as tables of a project file with edges of its mesh, without receivers."""
+    return {
+        "title": title,
         "mesh": {
-            "size_m": size.tolist(), "origin_m": low.tolist(), "edge_m": 10.0,
+            "size_m": np.ptp(site.box, axis=1).tolist(), "origin_m": site.box[:, 0].tolist(),
+            **edges,
             "layers": [{"material": name} | ({} if t is None else {"thickness_m": t})
                        for name, t, _ in site.layers],
             "faults": [
@@ -119,16 +118,26 @@ def project_of(site: Site) -> Project:
         },
         "materials": {name: {"density_kg_per_m3": m.density, "cp_m_per_s": m.cp,
                              "cs_m_per_s": m.cs} for name, _, m in site.layers},
-        "joints": {j.joint.surface: {"law": "elastic", "kn_gpa_per_m": 1.0, "ks_gpa_per_m": 1.0}
-                   for j in site.joints},
-        "boundaries": {"viscous": list(OUTER)},
+        "joints": {
+            j.joint.surface: {
+                "law": "elastic", "insitu_pressure_kpa": 1e-3 * j.joint.insitu_pressure,
+                **{f"{k}_gpa_per_m": 1e-9 * v for k, v in j.joint.properties.items()},
+            }
+            for j in site.joints
+        },
+        "boundaries": {"viscous": list(OUTER), "free": ["top"]},
         "blast": {"file": "holes.csv", "charge_exponent": site.exponent},
         "holes_inside": {"moment_rate_file": "source.csv"},
+        "run": {"duration_s": AFTER * DT, "compare_band_hz": list(site.band)},
         "diagnosis": {"noise_window_s": list(site.noise_window)},
     }  # fmt: skip
+
+
+def project_of(site: Site) -> Project:
+    """Return a site as the project of its first blast, with the further ones; without records."""
     inside = Inside(Firing(np.zeros(1), np.ones(1)), site.moment_rate, (), (), (), None)
     given = {"inside": inside, "receivers": site.receivers, "records": {}}
-    config = check_config(tables)
+    config = check_config(tables_of(site, "drawn", edge_m=10.0))
     ground = {
         "materials": {name: material for name, _, material in site.layers},
         "joints": tuple(j.joint for j in site.joints), "fields": site.ground,

@@ -11,7 +11,6 @@ from pathlib import Path
 
 import numpy as np
 
-from pyblast import simulate
 from pyblast.config.config import check_config
 from pyblast.project.project import make_project
 from pyblast.project.result import write_csv
@@ -37,7 +36,7 @@ def truth():
 def main():
     """Run the truth and write what each instrument recorded."""
     project, rng = truth(), np.random.default_rng(SEED)
-    for name, motion in simulate(project).seismograms.items():
+    for name, motion in project.simulate().seismograms.items():
         count = round((QUIET + motion.duration - 0.02) / DT)
         record = motion.sampled(-QUIET, DT, count)
         heard = record.velocity + NOISE * rng.normal(size=record.velocity.shape)

@@ -20,7 +20,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pyblast import diagnose, predict, simulate
+from pyblast import diagnose, predict
 from pyblast.config.config import check_config
 from pyblast.diagnosis import library  # noqa: F401  fills the library
 from pyblast.diagnosis.hypotheses import LIBRARY
@@ -176,7 +176,7 @@ def true_motion(folder, trial, number):
         if change is not None:
             project = LIBRARY[change[0]].apply(project, "F1", **change[1])
         motion[name] = {}
-        for receiver, one in simulate(project).seismograms.items():
+        for receiver, one in project.simulate().seismograms.items():
             one = one.sampled(-BEFORE, DT, int((BEFORE + DURATION) / DT) - 1)
             if trial == "turned sensor" and receiver == "berm":
                 one = replace(one, velocity=turned(one.velocity))

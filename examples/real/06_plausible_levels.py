@@ -10,7 +10,7 @@ import sys
 import numpy as np
 from real_line import REPOSITORY, keep_results, recordings_folder
 
-from pyblast import load_project, simulate
+from pyblast import load_project
 from pyblast.blasts.published_laws import BY_NAME, plausible_ppv
 from pyblast.project.level import simulated_peaks
 
@@ -48,7 +48,7 @@ def example_peaks(name):
             "plausible_mm_per_s": [1e3 * peak.plausible.low, 1e3 * peak.plausible.high],
             "implausible": peak.excess != 1.0,
         }
-        for peak in simulated_peaks(project, simulate(project).seismograms)
+        for peak in simulated_peaks(project, project.simulate().seismograms)
         if peak.plausible is not None
     }
 

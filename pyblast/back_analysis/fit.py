@@ -17,11 +17,10 @@ from ..inference.nuisances import Linearised, nuisances_of
 from ..inference.parameter import SPEED, STIFFNESS
 from ..inference.records import Records, band_functions
 from ..model.model import Model
-from ..project.elements import better_mesh, for_band
-from ..project.ground import damages_material
 from ..project.places import on_ground
 from ..project.project import Project
 from ..runs.parallel import is_single, run_all
+from ..simulation.recipe import BETTER
 from ..solver.preparation import LEDGER_EVERY, prepare
 from .parameters import (
     DENSITY,
@@ -222,27 +221,19 @@ class Job:
             if each.parameter is None and each.kind != DENSITY and x:
                 blast = each.change(blast, float(x))
         if self.better:
-            mesh = better_mesh(blast)
+            mesh = blast.refined(BETTER)
             blast = blast if mesh is None else blast.changed(mesh=mesh)
         return blast
 
 
 def on_mesh_of_band(blasts: Sequence[Project], highest: float) -> tuple[Project, ...]:
     """Return blasts on one mesh for motion up to a frequency in Hz."""
-    meshed = []
+    spans, meshed = {}, []
     for blast in blasts:
-        other = blast.changed(mesh=for_band(blast, highest))
-        same = next(
-            (
-                m
-                for b, m in zip(blasts, meshed, strict=False)
-                if (b.config.mesh, b.config.ground) == (blast.config.mesh, blast.config.ground)
-                and not damages_material(blast.config.ground)
-            ),
-            other,
-        )
-        shared = {"mesh": same.mesh, "ground": same.ground}
-        meshed.append(replace(other, given={**other.given, **shared}))
+        tables = blast.config.mesh.model_dump_json(), blast.config.ground.model_dump_json()
+        span = spans.setdefault(tables, blast.reach)
+        blast = replace(blast, meshes=blasts[0].meshes, span=span)
+        meshed.append(blast.changed(mesh=blast.for_band(highest)))
     return tuple(meshed)
 
 
@@ -436,7 +427,7 @@ class Fitter:
         self.low, self.high = _bounds(everything)
         self.longest = np.array([LONGEST.get(each.kind, LONGEST_OTHER) for each in everything])
         self.correction = self.change = np.zeros(0)
-        self.has_better = better_mesh(first) is not None
+        self.has_better = first.refined(BETTER) is not None
         if not self.has_better:
             self.left_out["the error of the mesh"] = "a mesh that is given is not made finer"
         self.trace: list[dict] = []

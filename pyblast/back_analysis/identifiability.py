@@ -3,19 +3,21 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from .. import core
 from ..core import JOINT_LAWS
 from ..errors import SolverError
-from ..inference.covariance import SCATTER, error_columns, whitener
+from ..ground.tables import joint_of_surface
+from ..inference.covariance import RecordBlocks, noise_blocks
+from ..inference.error_model import NORMAL_95, Change, ErrorModel, Levels
 from ..inference.likelihood import signed_residuals
-from ..inference.nuisances import scattering
+from ..inference.nuisances import SCATTER, design_nuisances, scattering
 from ..inference.records import Band, Noise
 from ..laws import of_laws
 from ..model.joint import FAILED, SLIP
-from ..project.ground import joint_of_surface
 from ..solver.preparation import LEDGER_EVERY, prepare
 from ..solver.run import collect, failure
 from ..units import split_key
@@ -23,7 +25,6 @@ from .parameters import with_values
 
 UNIFORM = 1.0 / np.sqrt(12.0)  # standard deviation of a uniform prior, as a share of its range
 LEAST_SENSITIVITY = 0.1  # change of the data by a prior deviation, in units of their error
-NORMAL_95 = 1.6448536269514722
 PEAK_ERRORS = (15.0, 10.0)  # %, of PPV and dominant frequency: what the paper calls a good fit
 PEAK_STEP = 0.002  # of a range, for derivatives of peaks; with larger ones frequencies may jump
 
@@ -85,11 +86,11 @@ class Sensitivities:
     noise : Noise
         Of each receiver.
     levels : dict of str to float
-        Of the model error.
+        Of the model error, see `DESIGN_LEVELS`.
     peaks_only : bool
         Whether the data are PPV and dominant frequency instead of waveforms.
     mesh_errors : (n_errors, n_blasts, n_receivers, 3, n_samples) float64, m/s
-        As of `usual_whitener`.
+        As of `design_nuisances`.
     """
 
     motion: np.ndarray
@@ -100,14 +101,19 @@ class Sensitivities:
     peaks_only: bool = False
     mesh_errors: np.ndarray | Sequence[np.ndarray] = ()
 
-    def information(self, blasts, receivers, scattered=None) -> FisherInformation:
+    @cached_property
+    def _blocks(self):
+        """Covariance of noise and scattered motion of all records."""
+        noise = noise_blocks(self.noise, self.band, len(self.motion))
+        spread, none = scattering(self.motion, self.band), np.zeros(self.motion.shape[:2])
+        return RecordBlocks(noise, spread, 0.0 * spread, none, none)
+
+    def information(self, blasts, receivers) -> FisherInformation:
         """Return the Fisher information of the records of some blasts at some receivers.
 
         Parameters
         ----------
         blasts, receivers : sequence of int
-        scattered : array, optional
-            The result of `scattered`, to compute it only once.
 
         Notes
         -----
@@ -121,15 +127,14 @@ class Sensitivities:
             return FisherInformation(np.zeros((len(self.changes), len(self.changes))))
         if self.peaks_only:
             return self._of_peaks(receivers, motion, self.changes[:, *part])
-        spread = (self.scattered() if scattered is None else scattered)[part]
-        errors = error_columns(motion, self.band, [error[part] for error in self.mesh_errors])
-        used = {*errors.groups, SCATTER}
-        white = whitener(
-            _of_receivers(self.noise, receivers), self.band, len(blasts), nuisances=errors,
-            scattering=spread, levels={n: v for n, v in self.levels.items() if n in used},
-        )  # fmt: skip
-        columns = UNIFORM * white.apply(self.changes[:, *part]).reshape(len(self.changes), -1)
-        return FisherInformation(columns @ columns.T)
+        errors = [error[part] for error in self.mesh_errors]
+        error = ErrorModel(
+            self._blocks.of(blasts, receivers),
+            design_nuisances(motion, self.band, errors, self.levels),
+            Levels(scatter=(self.levels[SCATTER] ** 2,)),
+        )
+        changes = UNIFORM * self.band.project(self.changes[:, *part])
+        return FisherInformation(error.scores(0.0 * changes[:1], [Change(changes)]).length[0])
 
     def _of_peaks(self, receivers, motion, changes):
         """Return the information of PPV and dominant frequency, with `PEAK_ERRORS` and noise."""
@@ -150,18 +155,6 @@ class Sensitivities:
         ]
         columns *= UNIFORM / np.concatenate(errors)
         return FisherInformation(columns @ columns.T)
-
-    def scattered(self):
-        """Return the covariance of scattered motion of all blasts and receivers."""
-        return scattering(self.motion, self.band)
-
-
-def _of_receivers(noise, receivers):
-    """Return the noise of some receivers."""
-    return Noise(
-        noise.step, noise.coefficients[receivers], noise.variance[receivers],
-        noise.correlation[receivers], noise.inflation[receivers], noise.resolved,
-    )  # fmt: skip
 
 
 def centre(unit, information):

@@ -9,9 +9,9 @@ import numpy as np
 from ..config.config import BackAnalysisConfig, required_table
 from ..config.section import check_path, value_at
 from ..errors import Finding, InputError, named_error
+from ..ground.tables import joint_of_surface
 from ..inference.parameter import OTHER, SPEED, STIFFNESS, Parameter, kind_of_key
 from ..model.material import Material
-from ..project.ground import joint_of_surface
 from ..project.places import resolved_receivers
 from ..project.project import CHEAP, Project, load_project, vary
 from ..project.validity import carried_band

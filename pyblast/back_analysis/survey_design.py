@@ -8,13 +8,13 @@ import numpy as np
 from ..config.config import ReceiverConfig
 from ..core import BATCH_SIZE
 from ..errors import InputError
-from ..inference.covariance import LEVELS
 from ..inference.gauss_newton import DIFFERENCE
+from ..inference.nuisances import DESIGN_LEVELS
 from ..inference.parameter import Parameter, Problem, problem_of
 from ..inference.records import band_functions
 from ..project.inputs import NEARLY, input_band
 from ..project.places import on_ground
-from ..project.project import Project, make_project
+from ..project.project import Project
 from ..project.validity import carried_band, validity
 from ..solver.injection import near_receivers
 from ..units import plain_number
@@ -181,7 +181,7 @@ def with_receivers(project: Project, receivers) -> Project:
         for receiver in receivers
     ]
     config = project.config.model_copy(update={"receivers": configs})
-    return make_project(config, project.path, {"mesh": project.mesh})
+    return replace(project, config=config, span=project.reach, given={})
 
 
 def _on_other_mesh(project, other, receivers):
@@ -226,12 +226,9 @@ class CandidateGain:
 
 def gains_of_candidates(sensitivities, parameters, receivers, blasts, candidates):
     """Return the information of the survey, its `CandidateGain`, and the sorted candidates."""
-    scattered = sensitivities.scattered()
     count, fired = sum(receiver.in_survey for receiver in receivers), range(len(blasts))
 
-    def information(chosen_blasts, chosen_receivers):
-        return sensitivities.information(chosen_blasts, chosen_receivers, scattered)
-
+    information = sensitivities.information
     survey = information(fired, range(count))
 
     def gain(kind, name, position, changed):
@@ -335,7 +332,7 @@ def constraint_of(ratio: float) -> str:
 
 
 def survey_design_at(
-    blasts, parameters, unit, *, records, candidates=(), levels=None, slip=None, progress=None
+    blasts, parameters, unit, *, records, candidates=(), slip=None, progress=None
 ) -> SurveyDesign:
     """Evaluate how well receivers and blasts constrain the parameters around a point.
 
@@ -350,8 +347,6 @@ def survey_design_at(
         For each blast by receiver of the survey; None where a record is only planned.
     candidates : sequence of Project
         Blasts that could be fired and recorded.
-    levels : dict of str to float, optional
-        Of the model error; those of reference by default.
     slip : dict of str to Slip, optional
         Of each blast, if known; else it is simulated.
     progress : callable, optional
@@ -391,7 +386,7 @@ def survey_design_at(
     sensitivities = Sensitivities(
         motion * used, changes * used,
         band_functions(window.n_samples, window.dt, window.band), noise,
-        {**LEVELS, **(levels or {})}, blasts[0].config.back_analysis.misfit == "paper",
+        DESIGN_LEVELS, blasts[0].config.back_analysis.misfit == "paper",
         [error * used for error in errors],
     )  # fmt: skip
     information, worst, gains = gains_of_candidates(
@@ -404,7 +399,7 @@ def survey_design_at(
         _of_other_data(sensitivities, len(blasts), in_survey),
         _intervals(parameters, unit, information), _reasons(parameters, blasts, information, slip,
         kind), gains, worst, tuple(receivers), apart, window, source,
-        levels or {name: level for name, level in LEVELS.items() if errors or name != "mesh"},
+        {name: level for name, level in DESIGN_LEVELS.items() if errors or name != "mesh"},
         slip, missing, uncertain,
     )  # fmt: skip
 

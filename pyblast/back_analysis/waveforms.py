@@ -6,9 +6,9 @@ import numpy as np
 
 from ..errors import InputError, PyblastError
 from ..inference.records import Noise, Records, band_functions, check_sampling, gather, noise_of
-from ..project.elements import edge_factor, refined
 from ..project.inputs import input_band
 from ..signals.seismogram import Seismogram
+from ..simulation.recipe import edge_factor
 from .parameters import simulate
 
 SAMPLES_PER_PERIOD = 8.0  # of the highest frequency of the band
@@ -227,7 +227,7 @@ def mesh_errors_of(projects, motion, receivers, window, prepare=lambda _, other:
     motions, ratio = [], COARSER
     for project in projects:
         try:
-            mesh = refined(project, COARSER)
+            mesh = project.refined(COARSER)
             if mesh is None:
                 return (), "the mesh error is not estimated: a mesh that is given is not coarsened"
             other = project.changed(mesh=mesh)

@@ -1,5 +1,6 @@
 """Commands of the program: arguments, errors as one sentence, exit codes."""
 
+import math
 import os
 import sys
 import warnings
@@ -8,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
+from typer.core import TyperCommand
 
 from ..errors import (
     EXIT_CODES,
@@ -49,6 +51,20 @@ app = typer.Typer(
 )
 
 
+class Finite(TyperCommand):
+    """A command whose numbers must be finite."""
+
+    def parse_args(self, context, arguments):
+        """Read the arguments; refuse numbers such as nan."""
+        rest = super().parse_args(context, arguments)
+        for name, given in context.params.items():
+            for value in given if isinstance(given, tuple) else (given,):
+                if isinstance(value, float) and not math.isfinite(value):
+                    option = f"--{name.replace('_', '-')}"
+                    raise typer.BadParameter(f"{option}: must be a finite number, got {value}")
+        return rest
+
+
 def _loaded(path: Path, full: bool = False, ground: bool = True, table: str = "") -> "Project":
     """Load a project; what its file lacks is refused before the slow imports."""
     from ..config.config import read_config, required_table
@@ -81,7 +97,7 @@ def program(
     del version
 
 
-@app.command("run")
+@app.command("run", cls=Finite)
 def run_command(
     project: ProjectFile,
     out: Annotated[
@@ -128,7 +144,7 @@ def run_command(
             raise typer.Exit(NOT_TRUSTED)
 
 
-@app.command("check")
+@app.command("check", cls=Finite)
 def check_command(project: ProjectFile, full: Full = False, verbose: Verbose = False):
     """Check a project: size and cost of its run, and findings about its model and data.
 
@@ -153,7 +169,7 @@ def check_command(project: ProjectFile, full: Full = False, verbose: Verbose = F
             raise typer.Exit(NOT_TRUSTED)
 
 
-@app.command()
+@app.command(cls=Finite)
 def mesh(
     project: ProjectFile,
     out: Annotated[Path, typer.Option(help="Folder for zones.vtu and joints.vtu.")] = Path(),
@@ -171,7 +187,7 @@ def mesh(
         console.say(f"written: {out / 'zones.vtu'}, {out / 'joints.vtu'}")
 
 
-@app.command("superpose")
+@app.command("superpose", cls=Finite)
 def superpose_command(
     project: ProjectFile,
     out: Annotated[Path | None, typer.Option(help="CSV file for the input motion.")] = None,
@@ -193,7 +209,7 @@ def superpose_command(
             console.say(f"written: {out}")
 
 
-@app.command("compare")
+@app.command("compare", cls=Finite)
 def compare_command(
     recorded: Annotated[Path, typer.Argument(help="Record of a blast seismograph.")],
     simulated: Annotated[Path, typer.Argument(help="result.h5 of a run, or another record.")],
@@ -230,7 +246,7 @@ def compare_command(
         console.show_compared(*compare_files(*files))
 
 
-@app.command()
+@app.command(cls=Finite)
 def report(
     result: Annotated[
         Path,
@@ -269,7 +285,7 @@ def report(
         console.say(f"written: {page}")
 
 
-@app.command()
+@app.command(cls=Finite)
 def sitelaw(
     records: Annotated[
         Path, typer.Argument(help="CSV with columns such as distance_m, charge_kg, ppv_mm_per_s.")
@@ -300,7 +316,7 @@ def sitelaw(
         console.show_site_law(law, None if limit is None else 1e-3 * limit)
 
 
-@app.command()
+@app.command(cls=Finite)
 def source(
     project: ProjectFile,
     out: Annotated[
@@ -323,7 +339,7 @@ def source(
         console.show_moment_rate(fit, folder)
 
 
-@app.command()
+@app.command(cls=Finite)
 def delays(
     project: ProjectFile,
     out: Annotated[
@@ -351,7 +367,7 @@ def delays(
         console.say("\n".join([*delay_lines(table), f"results: {folder}"]))
 
 
-@app.command()
+@app.command(cls=Finite)
 def backanalyse(
     project: ProjectFile,
     out: Annotated[
@@ -408,10 +424,10 @@ def backanalyse(
         console.show_search(result, folder, workflow.slip_summary(result), findings_of_fit(result))
 
 
-@app.command("diagnose")
+@app.command("diagnose", cls=Finite)
 def diagnose_command(
     case: Annotated[
-        Path, typer.Argument(help="Folder with site.toml, hole tables, records; or project file.")
+        Path, typer.Argument(help="Project file with records; [diagnosis] names further blasts.")
     ],
     out: Annotated[
         Path | None,
@@ -476,7 +492,7 @@ def diagnose_command(
             console.say(f"written: {path}{passed}{', from a diagnosis that is unsure' * unsure}")
 
 
-@app.command()
+@app.command(cls=Finite)
 def records(
     folder: Annotated[Path, typer.Argument(help="Folder of records.")],
     out: Annotated[

@@ -118,30 +118,33 @@ def complain(text: object) -> None:
     _err.print(f"pyblast: {text}", markup=False)
 
 
+class _Stop(KeyboardInterrupt):
+    """What a signal raises: after KeyboardInterrupt itself Python may end by SIGINT, not by 130."""
+
+
 @contextmanager
 def exit_codes() -> Iterator[None]:
     """Turn every error into one sentence and its exit code; SIGTERM counts as Ctrl-C."""
     try:
         with _signals():
             yield
-    except SolverError as error:
-        complain(error)
-        raise Exit(SOLVER_FAILED) from None
-    except PyblastError as error:
-        complain(error)
-        raise Exit(WRONG_INPUT) from None
-    except MemoryError:
-        complain("the memory does not suffice; a coarser mesh or fewer workers need less")
-        raise Exit(WRONG_INPUT) from None
-    except (OSError, UnicodeEncodeError) as error:
-        file, reason = getattr(error, "filename", None), getattr(error, "strerror", None)
-        complain(f"{file or 'a file'}: {reason or error}")
-        raise Exit(WRONG_INPUT) from None
+    except (PyblastError, MemoryError, OSError, UnicodeEncodeError) as error:
+        complain(_sentence(error))
+        raise Exit(SOLVER_FAILED if isinstance(error, SolverError) else WRONG_INPUT) from None
     except KeyboardInterrupt as stop:
         complain(f"interrupted; {stop}" if stop.args else "interrupted")
         raise Exit(INTERRUPTED) from None
     if _out.lost:
         raise Exit(WRONG_INPUT)
+
+
+def _sentence(error: Exception) -> object:
+    """Return what to say of an error."""
+    if isinstance(error, MemoryError):
+        return "the memory does not suffice; a coarser mesh or fewer workers need less"
+    if isinstance(error, OSError) and not isinstance(error, PyblastError):
+        return f"{error.filename or 'a file'}: {error.strerror or error}"
+    return error
 
 
 @contextmanager
@@ -155,7 +158,7 @@ def _signals() -> Iterator[None]:
 
     def interrupt(_number: int, _frame: object) -> None:
         obeyed.set()
-        raise KeyboardInterrupt
+        raise _Stop
 
     def end_if_deaf() -> None:
         with os.fdopen(reader, "rb", buffering=0) as numbers:

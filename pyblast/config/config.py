@@ -21,8 +21,11 @@ from .section import (
     Band,
     Bearing,
     CandidateConfig,
+    ChargeExponent,
     Count,
     Curve,
+    Density,
+    Exponent,
     Inclination,
     Law,
     Name,
@@ -33,6 +36,7 @@ from .section import (
     RecordingConfig,
     Section,
     Span,
+    Speed,
     merged,
     read_toml,
     sentence_of,
@@ -129,7 +133,7 @@ class DelaysConfig(Section):
     charge_percent: NotNegative = 0.0
     blast_percent: NotNegative = 0.0
     doubt: NotNegative = 0.0
-    wave_speed_m_per_s: Positive | None = None
+    wave_speed_m_per_s: Speed | None = None
     draws: Count = 4000
     seed: Annotated[int, Field(ge=0)] = 0
     houses: Annotated[list[HouseConfig], Field(min_length=1)]
@@ -203,6 +207,9 @@ class DiagnosisConfig(Section):
         return self
 
 
+MOST_HOLES = 100_000
+
+
 class BlastConfig(Section):
     """Blast: rows of holes, or a hole table."""
 
@@ -220,10 +227,10 @@ class BlastConfig(Section):
     mapping: str | None = None
     sheet: str | None = None
     shift_m: Point = Field([0.0, 0.0, 0.0])
-    explosive_kg_per_m3: Positive = 850.0
+    explosive_kg_per_m3: Density = 850.0
     reference_charge_kg: Positive | None = None
-    charge_exponent: NotNegative = 1.0
-    wave_speed_m_per_s: Positive | None = None
+    charge_exponent: ChargeExponent = 1.0
+    wave_speed_m_per_s: Speed | None = None
     scatter_ms: NotNegative = 0.0
     seed: Annotated[int, Field(ge=0)] = 0
 
@@ -232,6 +239,11 @@ class BlastConfig(Section):
         """Ask for all numbers of the rows, or a table."""
         rows = ("rows", "holes_per_row", "delay_ms", "charge_kg", "diameter_mm", "depth_m")
         self._one_of((*rows, "burden_m", "spacing_m", "position_m"), ("file",))
+        if self.rows is not None and self.rows * self.holes_per_row > MOST_HOLES:
+            raise ValueError(
+                f"rows and holes_per_row: must make at most {MOST_HOLES} holes, "
+                f"got {self.rows} times {self.holes_per_row}"
+            )
         return self
 
 
@@ -283,7 +295,7 @@ class InputConfig(Section):
     free_surface: Name = "top"
     low_pass_hz: Positive | None = 20.0
     distance_m: Positive | None = None
-    decay_exponent: NotNegative | None = None
+    decay_exponent: Exponent | None = None
 
     @model_validator(mode="after")
     def _plane_wave(self):
@@ -314,7 +326,9 @@ class ReceiverConfig(Section):
 
     @model_validator(mode="after")
     def _one_direction(self):
-        """Refuse a direction of length zero, and one beside an azimuth."""
+        """Refuse a name of dots, a direction of length zero, and one beside an azimuth."""
+        if not self.name.strip("."):
+            raise ValueError(f"name: must not be dots alone, got {self.name!r}")
         if self.normal is not None and not any(self.normal):
             raise ValueError("normal: must not be zero in all components")
         if self.normal is not None and self.azimuth_deg is not None:
@@ -378,6 +392,12 @@ class Config(Section):
     back_analysis: BackAnalysisConfig | None = None
     delays: DelaysConfig | None = None
     diagnosis: DiagnosisConfig | None = None
+
+    @property
+    def band_hz(self) -> tuple[float, float] | None:
+        """Band in Hz in which motions are compared with records, None where none is given."""
+        band = (self.diagnosis and self.diagnosis.band_hz) or self.run.compare_band_hz
+        return None if band is None else (band[0], band[1])
 
     @model_validator(mode="after")
     def _what_enters(self, info: ValidationInfo):

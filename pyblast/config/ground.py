@@ -11,10 +11,12 @@ from .section import (
     Bearing,
     Box,
     Count,
+    Density,
     Dip,
     Fraction,
     FrictionAngle,
     Infill,
+    Modulus,
     Name,
     NotNegative,
     Point,
@@ -22,6 +24,7 @@ from .section import (
     Quality,
     Section,
     Size,
+    Speed,
 )
 
 LengthUnit = Literal["m", "km", "cm", "mm", "ft", "us_ft", "in"]
@@ -297,11 +300,11 @@ class TransverseConfig(Section):
 
     dip_deg: Dip
     dip_direction_deg: Bearing
-    young_mpa: Positive
-    young_normal_mpa: Positive
+    young_mpa: Modulus
+    young_normal_mpa: Modulus
     poisson: Annotated[float, Field(gt=-1.0, lt=1.0)]
     poisson_normal: float
-    shear_normal_mpa: Positive
+    shear_normal_mpa: Modulus
 
 
 class MediumJointsConfig(Section):
@@ -314,16 +317,19 @@ class MediumJointsConfig(Section):
     ks_gpa_per_m: Positive
 
 
+SOFT, HEAVY = 150.0, 2300.0  # speed of shear waves in m/s that no rock has which is denser, kg/m3
+
+
 class MaterialConfig(Section):
     """Density, elastic constants in one of four ways, strength, quality, own damping."""
 
-    density_kg_per_m3: Positive
-    bulk_mpa: Positive | None = None
-    shear_mpa: Positive | None = None
-    young_mpa: Positive | None = None
+    density_kg_per_m3: Density
+    bulk_mpa: Modulus | None = None
+    shear_mpa: Modulus | None = None
+    young_mpa: Modulus | None = None
     poisson: Annotated[float, Field(gt=-1.0, lt=0.5)] | None = None
-    cp_m_per_s: Positive | None = None
-    cs_m_per_s: Positive | None = None
+    cp_m_per_s: Speed | None = None
+    cs_m_per_s: Speed | None = None
     cohesion_kpa: NotNegative | None = None
     tension_kpa: NotNegative | None = None
     friction_angle_deg: FrictionAngle | None = None
@@ -343,6 +349,16 @@ class MaterialConfig(Section):
         """Ask for one pair of elastic constants, or those of transverse ground."""
         speeds = "cp_m_per_s", "cs_m_per_s"
         self._one_of(("bulk_mpa", "shear_mpa"), ("young_mpa", "poisson"), speeds, ("transverse",))
+        key, shear = "shear_mpa", self.shear_mpa
+        if self.young_mpa is not None:
+            key, shear = "young_mpa", 0.5 * self.young_mpa / (1.0 + self.poisson)
+        if shear is not None and self.density_kg_per_m3 > HEAVY:
+            slow = math.sqrt(1e6 * shear / self.density_kg_per_m3)
+            if slow < SOFT:
+                raise ValueError(
+                    f"{key}: {getattr(self, key):g} gives shear waves of {slow:.3g} m/s, but rock "
+                    f"of {self.density_kg_per_m3:g} kg/m3 has {SOFT:g} and more; is it in GPa?"
+                )
         return self
 
     @model_validator(mode="after")
@@ -382,7 +398,7 @@ class JointConfig(Section):
     insitu_pressure_kpa: NotNegative = 0.0
     insitu_shear_kpa: Point = Field([0.0, 0.0, 0.0])
     infill_mm: Infill | None = None
-    fill_density_kg_per_m3: Positive | None = None
+    fill_density_kg_per_m3: Density | None = None
     fill_thickness_mm: Positive | None = None
     water_aperture_mm: Positive | None = None
 
@@ -425,7 +441,7 @@ class InSituConfig(Section):
     horizontal_ratio: NotNegative = 0.5
     stress_mpa: Annotated[list[float], Field(min_length=6, max_length=6)] = Field([0.0] * 6)
     water_table_m: float | None = None
-    water_density_kg_per_m3: Positive = 1000.0
+    water_density_kg_per_m3: Density = 1000.0
 
 
 class AbsorbingLayerConfig(Section):

@@ -1,11 +1,21 @@
 """Sections of a project file: strict types, dotted paths, errors in one sentence, CSV columns."""
 
 import difflib
+import re
 import tomllib
+from datetime import date, time
 from typing import Annotated, Any
 
 import numpy as np
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    ConfigDict,
+    Field,
+    ValidationError,
+    field_validator,
+    model_validator,
+)
 
 from ..blasts.published_laws import BY_NAME
 from ..errors import InputError, ReadError
@@ -20,6 +30,11 @@ Positive = Annotated[float, Field(gt=0.0)]
 NotNegative = Annotated[float, Field(ge=0.0)]
 Fraction = Annotated[float, Field(ge=0.0, le=1.0)]
 Quality = Annotated[float, Field(ge=2.0)]
+Density = Annotated[float, Field(gt=0.0, le=25000.0)]  # kg/m3; osmium has 22590
+Modulus = Annotated[float, Field(gt=0.0, le=2e6)]  # MPa; diamond has 1.2e6
+Speed = Annotated[float, Field(gt=0.0, le=20000.0)]  # m/s; waves in diamond have 18000
+Exponent = Annotated[float, Field(ge=0.0, le=10.0)]  # of distance
+ChargeExponent = Annotated[float, Field(ge=0.0, le=2.0)]
 Count = Annotated[int, Field(ge=1)]
 Dip = Annotated[float, Field(ge=0.0, le=90.0)]
 Bearing = Annotated[float, Field(ge=-360.0, le=360.0)]
@@ -41,10 +56,28 @@ Curve = Annotated[str, AfterValidator(lambda key: _known(key))]
 Law = Annotated[str, AfterValidator(lambda name: _published(name))]
 
 
+# Control characters, ends of lines, and marks that turn the direction of writing.
+UNPRINTABLE = re.compile(r"[\x00-\x1f\x7f-\x9f\u2028-\u202e\u2066-\u2069]")
+
+
+def _holds(value):
+    """Tell whether a value holds others: a list, or a table with names."""
+    return isinstance(value, (list, dict))
+
+
 class Section(BaseModel):
     """One table of a project file: strict types, no unknown keys."""
 
     model_config = ConfigDict(strict=True, extra="forbid", frozen=True, allow_inf_nan=False)
+
+    @field_validator("*")
+    @classmethod
+    def _printable(cls, value):
+        """Refuse control characters, which break paths, files and terminals."""
+        for text in [value] if isinstance(value, str) else value if _holds(value) else ():
+            if isinstance(text, str) and UNPRINTABLE.search(text):
+                raise ValueError(f"must not hold control characters, got {_shown(text)}")
+        return value
 
     def _one_of(self, *choices):
         """Raise an error unless exactly one group of keys is given, and given whole."""
@@ -130,6 +163,8 @@ def read_time_function(
             f"{path}, line {table.lines[k]}: times must grow by equal steps, but here they change "
             f"by {times[k] - times[k - 1]:g} s"
         )
+    if not values.any():
+        raise ReadError(f"{path}: is zero throughout, so nothing enters; give its values")
     return TimeFunction(values, dt, float(times[0]))
 
 
@@ -272,6 +307,8 @@ MAX_PROJECT_BYTES = 1_000_000
 
 def read_toml(path):
     """Return the tables of a TOML file."""
+    if path.is_dir():
+        raise ReadError(f"{path}: is a folder; name a project file in it")
     try:
         size = path.stat().st_size
         if size > MAX_PROJECT_BYTES:
@@ -287,8 +324,12 @@ def read_toml(path):
         return tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise InputError(f"{path.name}: not valid TOML: {_lowered(str(error))}") from None
-    except (RecursionError, ValueError):
+    except RecursionError:
         raise InputError(f"{path.name}: nested too deeply to be a project file") from None
+    except ValueError:  # of int(): Python reads no more than 4300 digits
+        long = re.search(r"[0-9][0-9_]{4299}", text)
+        line = text.count("\n", 0, long.start() if long else 0) + 1
+        raise InputError(f"{path.name}: line {line} holds a number of too many digits") from None
 
 
 class CandidateConfig(Section):
@@ -381,15 +422,20 @@ def sentence_of(error, root) -> str:
         more = f" ({others} more)" if others else ""
         return f"{', '.join(missing)}: missing; add them{more}"
     more = f" ({len(mistakes) - 1} more)" if len(mistakes) > 1 else ""
-    where = f"{_path(first['loc'])}: " if first["loc"] else ""
-    return f"{where}{_rule(first, root)}{more}"
+    place, rule = first["loc"], _rule(first, root)
+    if place[-1:] == ("[key]",):
+        place, rule = place[:-2], f"a name {rule}"
+    where = f"{_path(place)}: " if place else ""
+    return f"{where}{rule}{more}"
 
 
 def _path(location):
     """Write a location as ``mesh.faults[1].dip_deg``, counted from 1."""
     text = ""
     for part in location:
-        text += f"[{part + 1}]" if isinstance(part, int) else f".{part}" if text else str(part)
+        if isinstance(part, str):
+            part = UNPRINTABLE.sub(lambda found: ascii(found[0])[1:-1], part)
+        text += f"[{part + 1}]" if isinstance(part, int) else f".{part}" if text else part
     return text
 
 
@@ -443,8 +489,17 @@ def _lowered(text):
 
 
 def _shown(value):
-    """Show a value in at most 40 characters."""
-    text = repr(value) if not isinstance(value, dict) else "a table"
+    """Show a value as the file has it, in at most 40 characters."""
+    if isinstance(value, dict):
+        text = "a table"
+    elif isinstance(value, bool):
+        text = str(value).lower()
+    elif isinstance(value, (date, time)):
+        text = value.isoformat().replace("+00:00", "Z")
+    elif isinstance(value, list):
+        text = f"[{', '.join(map(_shown, value[:20]))}]"
+    else:
+        text = repr(value)
     return text if len(text) <= 40 else f"{text[:37]}..."
 
 

@@ -6,13 +6,15 @@ from pydantic import Field, model_validator
 
 from ..blasts.site_law import scaled_distance_ppv
 from .section import (
+    ChargeExponent,
+    Exponent,
     Law,
     Name,
-    NotNegative,
     Place,
     Point,
     Positive,
     Section,
+    Speed,
 )
 
 Tensor = Annotated[list[float], Field(min_length=6, max_length=6)]
@@ -22,8 +24,8 @@ class SiteLawConfig(Section):
     """Scaled-distance law of the site: peak velocity k (R / W^charge_exponent)^-exponent."""
 
     k_mm_per_s: Positive
-    exponent: Positive
-    charge_exponent: Positive = 0.5
+    exponent: Exponent
+    charge_exponent: ChargeExponent = 0.5
 
     def ppv(self, distance: float, charge: float) -> float:
         """Return the peak velocity in m/s at a distance in m from a charge in kg."""
@@ -73,7 +75,7 @@ class HolesInsideConfig(Section):
     charged_hole: ChargedHoleConfig | None = None
     low_pass_hz: Positive | Literal["mesh", "none"] | None = None
     spread_m: Positive | None = None
-    detonation_m_per_s: Positive | None = None
+    detonation_m_per_s: Speed | None = None
     primed_at: Literal["toe", "collar"] | None = None
     core_m: Positive | None = None
 
@@ -144,8 +146,8 @@ class AirBlastConfig(Section):
     duration_ms: Positive | None = None
     reference_m: Positive = 1.0
     reference_charge_kg: Positive | None = None
-    exponent: NotNegative = 1.0
-    charge_exponent: NotNegative | None = None
+    exponent: Exponent = 1.0
+    charge_exponent: ChargeExponent | None = None
     speed_m_per_s: Positive = 340.0
 
     @model_validator(mode="after")

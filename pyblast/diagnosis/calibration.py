@@ -12,7 +12,6 @@ from ..inference.likelihood import ENERGY_SHARE, EnergyShares, Likelihood, Stude
 from ..inference.parameter import Parameter
 from ..model.anisotropy import Anisotropic
 from ..model.material import Material
-from ..project.flat_box import ground_materials
 from ..project.project import Project
 from .case import Case, case_of
 from .forward import Forward
@@ -73,7 +72,7 @@ def calibrated_parameters(project: Project) -> tuple[Parameter, ...]:
     priors = project.config.priors
     speeds = [
         _factor(name, speed, 0.01 * priors.speed_percent)
-        for name in ground_materials(project)
+        for name in project.ground_materials
         if priors.speed_percent
         for speed in (("cs",) if _is_anisotropic(project.materials[name]) else ("cp", "cs"))
     ]

@@ -4,13 +4,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..errors import InputError, named_error
+from ..errors import InputError
 from ..inference.records import COMPONENTS, Records, band_functions, gather, noise_of
 from ..model.model import Receiver
-from ..project.elements import for_band, longest_path, survey_positions
-from ..project.flat_box import band_of, check_flat, not_flat
-from ..project.ground import damages_material
-from ..project.places import resolved_receivers
+from ..project.places import longest_path, resolved_receivers, survey_positions
 from ..project.project import ENTERS, Project
 from ..project.validity import carried_band
 from ..signals.seismogram import GEOGRAPHIC, PASS_BAND
@@ -62,7 +59,7 @@ def case_of(project: Project, blasts=None) -> Case:
         the blast, the band is missing or comes near half the sampling rate, or the description of
         a flat box is contradictory.
     """
-    limits = band_of(project.config)
+    limits = project.config.band_hz
     if limits is None:
         raise InputError(
             f"{project.path.name}: diagnosis.band_hz: missing; give lowest and highest frequency, "
@@ -130,7 +127,7 @@ def _gathered(project, highest):
     """
     project = _with_mesh(project, highest)
     receivers, records, parts = {}, {}, {}
-    for each in (project, *project.further):
+    for each in map(project.of, project.blasts):
         records[each.name] = {}
         entering = {name: getattr(each, name) for name in ENTERS}
         parts[each.name] = {"blast": each.blast, **entering}
@@ -155,15 +152,11 @@ def _gathered(project, highest):
                 f"{each.path.name}: receivers: none has a record; add [receivers.recorded]"
             )
     further = tuple(replace(o, given={**o.given, **parts[o.name]}) for o in project.further)
-    project = replace(
+    return replace(
         project, given={**project.given, **parts[project.name]}, further=further
     ).changed(
         receivers=[Receiver(name, *rest) for name, rest in receivers.items()], records=records
     )  # fmt: skip
-    if not not_flat(project):
-        with named_error(project.path.name):
-            check_flat(project)
-    return project
 
 
 def _with_mesh(project, highest):
@@ -175,17 +168,8 @@ def _with_mesh(project, highest):
     reach = 0.5 * max(material.cs for material in project.materials.values()) / highest
     aside = reach * np.array([(-1.0, -1.0), (-1.0, 1.0), (1.0, -1.0), (1.0, 1.0)])
     positions = np.concatenate([survey_positions(project) + step for step in aside])
-    project = replace(project, given={**project.given, "reach": longest_path(positions)})
-    project = project.changed(mesh=for_band(project, highest))
-    shared = {"ground": project.ground}
-    if not damages_material(project.config.ground):
-        shared |= {"mesh": project.mesh}
-    config = {"mesh": project.config.mesh}
-    further = tuple(
-        replace(each, config=each.config.model_copy(update=config), given={**each.given, **shared})
-        for each in project.further
-    )
-    return replace(project, given={**project.given, **shared}, further=further)
+    project = replace(project, span=longest_path(positions))
+    return project.changed(mesh=project.for_band(highest))
 
 
 def _geographic(record, azimuth):

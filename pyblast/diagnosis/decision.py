@@ -8,7 +8,7 @@ from scipy import stats
 from scipy.special import logsumexp
 
 from ..errors import contained
-from ..project.flat_box import is_anisotropic
+from ..ground.tables import is_anisotropic
 from .cross_validation import CrossValidation, cross_validate
 from .effects import Scene
 from .fitting import Fit, corrected, fit

@@ -11,13 +11,13 @@ from scipy import fft
 
 from ..blasts.blast import Blast
 from ..errors import InputError, contained
-from ..project.flat_box import quality_of
+from ..ground.tables import quality_of
 from ..project.project import Project
 from ..solver.assembly import time_step
 from . import library  # noqa: F401  fills the library
 from .calibration import Baseline, attenuated, calibrated_parameters, with_values
 from .case import Case
-from .forward import Forward, Surroundings, geometry, surroundings
+from .forward import Forward, Surroundings, surroundings
 from .hypotheses import FAMILIES, LIBRARY, Hypothesis, blast_and_hole, superposed
 from .thresholds import MOST_WORK
 
@@ -91,7 +91,7 @@ class Scene:
 
     def __post_init__(self):
         """Store the motion that the calibration has simulated."""
-        baseline, shape = self.baseline, geometry(self.case.project)
+        baseline, shape = self.baseline, self.case.project.geometry
         reference = tuple(np.zeros(len(baseline.values)).tolist()), ()
         for b in range(len(self.case.blasts)):
             self._corrections[shape, b] = baseline.correction[b]
@@ -176,7 +176,7 @@ class Scene:
         """
         missing = [b for b in blasts if (key, b) not in self._simulated]
         control = self._mesh_control(key[1])
-        shape = geometry(control)
+        shape = control.geometry
         models = {b: self.forward.model(project, self.case.blasts[b]) for b in missing}
         own = {
             (shape, b): self.forward.model(control, self.case.blasts[b])
@@ -215,7 +215,7 @@ class Scene:
             self._corrections[mesh] = self.baseline.reference[mesh[1]] - motion
         for (key, b), motion in zip(required, done[: len(required)], strict=True):
             correction = self._corrections[built[key][1], b]
-            if quality_of(projects[key]) != quality_of(self.case.project):
+            if quality_of(projects[key].materials) != quality_of(self.case.project.materials):
                 before = self.baseline.reference[b] - correction
                 band = self.case.band.low, self.case.band.high
                 correction = attenuated(correction, before, motion, self.case.dt, band)

@@ -12,19 +12,15 @@ from ..core import JOINT_LAWS, ZONE_LAWS
 from ..errors import InputError
 from ..mesh.mesh import locate_in_zones
 from ..model.model import Model, Receiver
-from ..project.elements import better_mesh, with_laws
-from ..project.flat_box import ground_materials
-from ..project.ground import damages_material
 from ..project.inputs import make_input
 from ..project.places import on_ground, placed_again, refuse_outside
 from ..project.project import Project
 from ..runs.greens import PointSource, greens_functions
 from ..runs.parallel import CachedRun, is_single, run_all
 from ..signals.seismogram import Seismogram
+from ..simulation.recipe import BETTER, with_laws
 from .case import Case
 from .trusted_shots import with_source
-
-MOST_MESHES = 8
 
 
 @dataclass(eq=False)
@@ -32,8 +28,7 @@ class Forward:
     """Forward simulation of the blasts of a case; counts its runs.
 
     A project may differ from that of the case in anything, its geometry included (see
-    `Project.changed`): each geometry is meshed once, all blasts share the mesh, and the last
-    `MOST_MESHES` meshes are kept.
+    `Project.changed`): each geometry is meshed once, and all blasts share the mesh.
 
     Parameters
     ----------
@@ -57,7 +52,6 @@ class Forward:
     runs: int = 0
     cached: int = 0
     cached_s: float = 0.0
-    _meshes: dict = field(default_factory=dict, repr=False)
     _known: set = field(default_factory=set, repr=False)
 
     def motion(self, project: Project) -> np.ndarray:
@@ -173,7 +167,7 @@ class Forward:
     def holds(self, project: Project) -> bool:
         """Tell whether the ground of a project can be meshed and holds all its holes."""
         reference = self.case.project
-        changed = geometry(project) != geometry(reference)
+        changed = project.geometry != reference.geometry
         moved = project.config.holes_inside is not None and any(
             not np.array_equal(project.blasts[name].centres, reference.blasts[name].centres)
             for name in self.case.blasts
@@ -184,7 +178,7 @@ class Forward:
             for blast in self.case.blasts:
                 centres = enumerate(project.blasts[blast].centres)
                 inside = {} if project.config.holes_inside is None else dict(centres)
-                refuse_outside(self._mesh(self._suited(project), blast), inside)
+                refuse_outside(self._suited(project).of(blast).mesh, inside)
         except InputError:
             return False
         return True
@@ -192,14 +186,13 @@ class Forward:
     def _own(self, project, blast, **given):
         """Return the model of one blast in the mesh of its project, with other parts of it."""
         project = self._suited(project)
-        mesh, own = self._mesh(project, blast), project.of(blast)
-        stale = ("sources", "model", "absorbing_layer")
-        parts = {name: part for name, part in own.given.items() if name not in stale}
-        if "receivers" in parts and geometry(project) != geometry(self.case.project):
+        own = project.of(blast)
+        parts = own.given | given
+        if "receivers" in parts and project.geometry != self.case.project.geometry:
             every = (project, *project.further)
             described = [part for each in every for part in each.config.receivers]
-            parts["receivers"] = placed_again(own.receivers, described, mesh)
-        model = replace(own, given=parts | {"mesh": mesh} | given).model
+            parts["receivers"] = placed_again(own.receivers, described, own.mesh)
+        model = replace(own, given=parts).model
         # As stored responses of holes, so that all motion of a case is of one kind.
         return replace(model, single=is_single(model), injected=False)
 
@@ -209,18 +202,7 @@ class Forward:
         suited = with_laws(mesh, project.materials)
         if suited is not mesh:
             project = project.changed(mesh=suited)
-        return project.changed(mesh=better_mesh(project)) if self.fine else project
-
-    def _mesh(self, project, blast):
-        """Return the mesh of a project, built once for its geometry."""
-        alone = damages_material(project.config.ground)
-        key = geometry(project), blast if alone else ""
-        if key not in self._meshes:
-            self._meshes = dict(list(self._meshes.items())[1 - MOST_MESHES :])
-            own = project.of(blast)
-            own = replace(own, given={**own.given, "ground": project.ground})
-            self._meshes[key] = own.mesh
-        return self._meshes[key]
+        return project.changed(mesh=project.refined(BETTER)) if self.fine else project
 
     def _sampled(self, seismograms: Mapping[str, Seismogram], lead: float = 0.0) -> np.ndarray:
         """Return seismograms (n_receivers, 3, n_samples) at the instants of the records."""
@@ -228,16 +210,6 @@ class Forward:
         return np.stack(
             [seismograms[name].sampled(lead, dt, n).velocity.T for name in self.case.receivers]
         )
-
-
-def geometry(project):
-    """Return the parts of a project that determine its mesh, as a key."""
-    config, surface = project.config, project.given.get("surface")
-    laws = tuple((name, rock.law.name) for name, rock in project.materials.items())
-    joints = tuple(joint.surface for joint in project.joints)
-    tables = config.mesh, config.ground, config.boundaries
-    heights = None if surface is None else np.asarray(surface, dtype=float).tobytes()
-    return *(table.model_dump_json() for table in tables), heights, joints, laws
 
 
 def not_superposed(case: Case) -> str:
@@ -263,7 +235,7 @@ def not_superposed(case: Case) -> str:
                 f"holes do not superpose across the law {joint.law!r} of joint {joint.surface}: "
                 "give the joints the law 'elastic'"
             )
-    for name in ground_materials(project):
+    for name in project.ground_materials:
         if not ZONE_LAWS[project.materials[name].law.name].linear:
             return f"holes do not superpose in material {name!r}, which yields: make it elastic"
     return ""
@@ -346,7 +318,7 @@ def surroundings(forward: Forward, project: Project) -> Surroundings:
 
 def probe_offsets(case: Case, project: Project) -> np.ndarray:
     """Return the offsets (n,) in m of probe receivers from a receiver, east and north."""
-    slowest = min(project.materials[name].cs for name in ground_materials(project))
+    slowest = min(project.materials[name].cs for name in project.ground_materials)
     return np.arange(-STEPS, STEPS + 1) * slowest / (STEPS_PER_WAVE * case.band.high)
 
 

@@ -8,8 +8,8 @@ import numpy as np
 
 from ..core import JOINT_LAWS
 from ..errors import InputError, contained
+from ..ground.tables import quality_of
 from ..inference.parameter import Parameter
-from ..project.flat_box import ground_materials, not_flat, quality_of
 from .case import Case
 from .forward import not_superposed, probe_offsets, probe_positions_inside
 from .thresholds import CHARGE_RATIO, DIRECTIONS, SECTORS
@@ -60,7 +60,7 @@ def three_directions(case: Case) -> str:
 
 def unknown_quality(case: Case) -> str:
     """Require ground whose quality factors are not given."""
-    known = quality_of(case.project)
+    known = quality_of(case.project.materials)
     if known is None:
         return ""
     return f"the site gives Qp {known[0]:.3g} and Qs {known[1]:.3g}, and every run has them"
@@ -68,14 +68,14 @@ def unknown_quality(case: Case) -> str:
 
 def ground_without_loss(case: Case) -> str:
     """Require ground without quality factors: anisotropy with attenuation is not simulated."""
-    if quality_of(case.project) is None:
+    if quality_of(case.project.materials) is None:
         return ""
     return "the site gives quality factors, and anisotropic ground with them is not simulated"
 
 
 def elastic_materials(case: Case) -> str:
     """Require ground that is elastic, so that it may have another law."""
-    for name in ground_materials(case.project):
+    for name in case.project.ground_materials:
         law = case.project.materials[name].law.name
         if law not in ("elastic", "anisotropic"):
             return f"material {name!r} follows the law {law!r}, and no other beside it"
@@ -91,17 +91,6 @@ def zones_of_constant_strain(case: Case) -> str:
             "mesh.grid_cells are too long without mesh.quadratic: describe it by mesh.layers"
         )
     return ""
-
-
-def flat_layers(case: Case) -> str:
-    """Require a flat box with holes inside, which is meshed again with each change."""
-    why = not_flat(case.project)
-    if not why:
-        return ""
-    return (
-        f"{why}: it is simulated only in flat layers with vertical elastic joints along x or y and "
-        "holes inside"
-    )
 
 
 def remeshable(case: Case) -> str:
@@ -148,7 +137,7 @@ def air_over_layers(case: Case) -> str:
         if config.blast is None or np.isnan(each.blast.charge).any():
             return "there is no [blast] with a charge for each hole"
         mesh = config.mesh
-        if not mesh.layers or mesh.benches or case.project.surface is not None:
+        if not mesh.layers or mesh.benches or case.project.ground.surface is not None:
             return "the ground is not flat: give flat [[mesh.layers]]"
     return ""
 

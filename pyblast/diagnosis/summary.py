@@ -9,7 +9,7 @@ from scipy import signal
 
 from ..errors import contained
 from ..inference.records import COMPONENTS
-from ..project.flat_box import extent_of
+from ..project.places import extent_of
 from .calibration import Baseline, like_taught
 from .case import Case, case_of
 from .cross_validation import CrossValidation

@@ -204,12 +204,13 @@ class ErrorModel:
     levels: Levels
 
     def of(self, blasts: Sequence[int]) -> "ErrorModel":
-        """Return the error of the records of some blasts."""
+        """Return the error of the records of some blasts at all receivers."""
         columns = self.nuisances.columns[:, list(blasts)]
         moving = np.any(columns, axis=(1, 2, 3, 4))
         groups = [g for g, moves in zip(self.nuisances.groups, moving, strict=True) if moves]
         own = Nuisances(columns[moving], tuple(groups))
-        return ErrorModel(self.blocks.of(blasts), own, self.levels)
+        every = range(columns.shape[2])
+        return ErrorModel(self.blocks.of(blasts, every), own, self.levels)
 
     def posterior(self, residual: np.ndarray, slopes: np.ndarray, prior: np.ndarray) -> Posterior:
         """Return the posterior of properties on which motion depends linearly.

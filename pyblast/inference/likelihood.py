@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 from scipy import signal
@@ -12,30 +12,13 @@ from scipy.special import logsumexp
 from ..errors import InputError
 from ..signals.seismogram import Seismogram
 from ..signals.spectra import dominant_frequency, envelope_and_phase, lag, wavelet_transform
-from .covariance import SCATTER, Whitener, whitener
+from .covariance import Whitener, whitener
 from .records import Records
 
 ENERGY_SHARE = 0.01  # of a record's energy: positions, clocks and small heterogeneity
 MESH_SHARE = 0.28  # of the energy that a finer mesh changes: its own error
 DOUBT = 4.0  # degrees of freedom of these shares: they may be three times as large
 LARGER = np.geomspace(1.0, 100.0, 41)  # factors on the energy of all errors
-
-
-class ModelError(Protocol):
-    """Model error: errors of the ground model as a covariance of motion, added to the noise."""
-
-    def covariance(self, records: Records, simulated=None, mesh_changes=()) -> Whitener:
-        """Return the covariance of noise and model error in records.
-
-        Parameters
-        ----------
-        records : Records
-        simulated : (n_blasts, n_receivers, 3, n_samples) float64, m/s, optional
-            A simulation that nearly fits; the records themselves by default.
-        mesh_changes : sequence of the same shape, m/s
-            What other meshes change.
-        """
-        ...
 
 
 @dataclass(frozen=True)
@@ -57,7 +40,16 @@ class EnergyShares:
     mesh: float = MESH_SHARE
 
     def covariance(self, records, simulated=None, mesh_changes=()) -> Whitener:
-        """Return the covariance of noise and model error; see `ModelError`."""
+        """Return the covariance of noise and model error in records.
+
+        Parameters
+        ----------
+        records : Records
+        simulated : (n_blasts, n_receivers, 3, n_samples) float64, m/s, optional
+            A simulation that nearly fits; the records themselves by default.
+        mesh_changes : sequence of the same shape, m/s
+            What other meshes change.
+        """
         band, motion = records.band, records.motion if simulated is None else simulated
         held = band.project(motion)
         changed = np.zeros_like(held)
@@ -71,7 +63,7 @@ class EnergyShares:
             error = shares[r] * energy + self.mesh * np.sum(changed[b, r])
             share = error / max(1, np.count_nonzero(noise))
             blocks[b, r] = np.where(noise > 0.0, share, 0.0)[..., None] * np.eye(band.n_functions)
-        return whitener(records.noise, band, len(held), scattering=blocks, levels={SCATTER: 1.0})
+        return whitener(records.noise, band, len(held), blocks)
 
 
 class Counts(NamedTuple):
@@ -246,15 +238,13 @@ class Misfit:
     residuals: Callable | None
 
 
-def misfit(name, recorded, dt, *, band=None, valid=None, whitener: Whitener | None = None):
+def misfit(name, recorded, dt, *, band=None, valid=None):
     """Prepare a misfit to records.
 
     Parameters
     ----------
     name : str
         ``paper``: mean absolute deviation of PPV and dominant frequency, %.
-        ``waveform``: reduced chi-square ``r^T C^-1 r / n_data``, about 1 if the residual is noise
-        and model error; needs a whitener.
         ``envelope``, ``phase``: rms of the time-frequency misfits of the channels.
         ``lag``: rms of the lag of largest correlation of the paths, common to components, s.
         ``onset``: rms of the difference of onsets of the paths, s; the onset is when the length
@@ -262,11 +252,9 @@ def misfit(name, recorded, dt, *, band=None, valid=None, whitener: Whitener | No
     recorded : (n_blasts, n_receivers, 3, n_samples) float, m/s
     dt : float, s
     band : tuple of 2 float, Hz, optional
-        To which both are filtered first; the whitener has its own.
+        To which both are filtered first.
     valid : (n_blasts, n_receivers, 3, n_samples) bool, optional
-        Samples that are neither clipped nor missing; others are left out of both. The whitener
-        has its own.
-    whitener : Whitener, optional
+        Samples that are neither clipped nor missing; others are left out of both.
 
     Returns
     -------
@@ -275,11 +263,11 @@ def misfit(name, recorded, dt, *, band=None, valid=None, whitener: Whitener | No
     Raises
     ------
     InputError
-        If the name is unknown, shapes do not fit, a whitener is missing, or no channel moves.
+        If the name is unknown, shapes do not fit, or no channel moves.
 
     Notes
     -----
-    theory.md (7.3), (7.5), (7.17), (7.20).
+    theory.md (7.3), (7.5), (7.18).
     """
     recorded = np.asarray(recorded, dtype=float)
     valid = np.ones(recorded.shape, bool) if valid is None else np.asarray(valid, dtype=bool)
@@ -288,10 +276,8 @@ def misfit(name, recorded, dt, *, band=None, valid=None, whitener: Whitener | No
             "misfit: recorded and valid must have shape (n_blasts, n_receivers, 3, n_samples), "
             f"got {recorded.shape} and {valid.shape}"
         )
-    if name == "waveform":
-        return _waveform(recorded, whitener)
     if name not in _MEASURES:
-        raise InputError(f"misfit: must be waveform or {', '.join(_MEASURES)}, got {name!r}")
+        raise InputError(f"misfit: must be one of {', '.join(_MEASURES)}, got {name!r}")
     paths = _paths(recorded, dt, band, valid)
     if not paths:
         raise InputError("misfit: no recorded channel moves")
@@ -324,20 +310,6 @@ def signed_residuals(name, recorded, dt, *, band=None) -> Callable:
     if residuals is None:
         raise InputError(f"misfit {name!r}: has no residuals; take one of {', '.join(SIGNED)}")
     return residuals
-
-
-def _waveform(recorded, whitener):
-    """Return least squares of waveforms with the covariance of a whitener."""
-    if whitener is None:
-        raise InputError("misfit.waveform: needs a whitener, the covariance of its residuals")
-
-    def residuals(simulated):
-        return whitener.apply(recorded - np.asarray(simulated, dtype=float)).ravel()
-
-    def value(simulated):
-        return float(whitener.chi_square(recorded - np.asarray(simulated, dtype=float)))
-
-    return Misfit("waveform", lambda simulated: value(simulated) / whitener.n_data, residuals)
 
 
 def _paths(motion, dt, band, valid, moving=None):
@@ -414,7 +386,7 @@ def misfit_to(name, recorded: Seismogram, simulated: Seismogram, band=None):
     Parameters
     ----------
     name : str
-        Of `MISFITS` but ``waveform``: theory.md (11.1), (7.5) and (7.20).
+        Of `MISFITS` but ``waveform``: theory.md (11.1), (7.5) and (7.18).
     recorded, simulated : Seismogram
         In the same components.
     band : tuple of 2 float, Hz, optional

@@ -17,6 +17,12 @@ from .records import Band
 UNCORRECTED, SOURCE = 0.3, 0.01
 UNEVEN = {SPEED: 0.003, STIFFNESS: 0.05}
 GROUND, TRANSFER = "ground", "transfer"  # groups with levels of their own
+SCATTER = "scatter"
+# Of a survey that is designed, in s, rad or shares of the motion: theory.md (7.14), (7.16).
+DESIGN_LEVELS = {
+    "delay": 1e-3, "gain": 0.05, "receiver": 0.05, "rotation": 0.05, "source": 0.05, "mesh": 1.0,
+    SCATTER: 0.1,
+}  # fmt: skip
 N_MODES = 3
 N_TRANSFER = 6
 
@@ -49,21 +55,26 @@ class Nuisances:
         return Nuisances(np.concatenate([self.columns, other.columns]), self.groups + other.groups)
 
 
-def nuisances(simulated, band: Band) -> Nuisances:
-    """Build the columns of a simulation: delays, gains, rotations and source spectra.
+def design_nuisances(simulated, band: Band, mesh_errors, levels: Mapping[str, float]) -> Nuisances:
+    """Build the columns of a survey that is designed: delays, gains, rotations, sources, mesh.
 
     Parameters
     ----------
     simulated : (n_blasts, n_receivers, 3, n_samples) float, m/s
     band : Band
+    mesh_errors : sequence of (n_blasts, n_receivers, 3, n_samples) float, m/s
+        One for each pair of meshes, and one difference for each mesh seed.
+    levels : mapping of str to float
+        Standard deviation of each group, see `DESIGN_LEVELS`.
 
     Returns
     -------
     Nuisances
         Groups ``delay`` (each path, common to the three components), ``gain`` (each
         channel of each blast), ``receiver`` (gain of a receiver in all blasts), ``rotation``
-        (of its horizontal components in all blasts) and ``source`` (four shapes of the spectrum
-        of a blast, from flat to two waves over the logarithm of frequency).
+        (of its horizontal components in all blasts), ``source`` (four shapes of the spectrum
+        of a blast, from flat to two waves over the logarithm of frequency) and ``mesh`` (each
+        error at each receiver).
 
     Notes
     -----
@@ -71,26 +82,22 @@ def nuisances(simulated, band: Band) -> Nuisances:
     """
     simulated = np.asarray(simulated, dtype=float)
     n_blasts, n_receivers = simulated.shape[:2]
-    rate = np.gradient(simulated, band.dt, axis=-1)
-    moved = band.project(-rate)
+    moved = band.project(-np.gradient(simulated, band.dt, axis=-1))
     held = band.project(simulated)
     turned = np.stack([held[:, :, 1], -held[:, :, 0], 0.0 * held[:, :, 2]], axis=2)
     spectra = shaped(simulated, band, range(N_MODES + 1))
+    errors = [band.project(error) for error in mesh_errors]
     shape = held.shape
     parts = {
-        "delay": [_only(moved, channels) for channels in np.ndindex(shape[:2])],
+        "delay": [_only(moved, path) for path in np.ndindex(shape[:2])],
         "gain": [_only(held, channel) for channel in np.ndindex(shape[:3])],
         "receiver": [_only(held, np.s_[:, r]) for r in range(n_receivers)],
         "rotation": [_only(turned, np.s_[:, r]) for r in range(n_receivers)],
         "source": [_only(part, b) for part in spectra for b in range(n_blasts)],
+        "mesh": [_only(error, np.s_[:, r]) for error in errors for r in range(n_receivers)],
     }
-    columns = [column for each in parts.values() for column in each]
-    moving = [np.any(column != 0.0) for column in columns]
-    groups = [group for group, each in parts.items() for _ in each]
-    return Nuisances(
-        np.array(columns)[moving],
-        tuple(g for g, moves in zip(groups, moving, strict=True) if moves),
-    )
+    each = {name: [levels[name] * one for one in part] for name, part in parts.items() if part}
+    return moving_columns(each, shape)
 
 
 def _only(motion, index):
@@ -105,15 +112,6 @@ def _octave(n, n_padded, band):
     frequency = fft.rfftfreq(n_padded, band.dt)
     low = max(band.low, 1.0 / (n * band.dt))
     return np.log(np.clip(frequency, low, band.high) / low) / np.log(band.high / low)
-
-
-def mesh_columns(errors, band: Band) -> Nuisances:
-    """Build one column of group ``mesh`` from each error (n, n_blasts, n_receivers, 3, n_samples).
-
-    One error for each pair of meshes, and one difference for each mesh seed.
-    """
-    columns = band.project(errors)
-    return Nuisances(columns, ("mesh",) * len(columns))
 
 
 SMOOTHING = 2.0

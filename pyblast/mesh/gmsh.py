@@ -2,7 +2,6 @@
 
 import threading
 from collections.abc import Callable, Sequence
-from concurrent.futures import Future
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 
@@ -223,23 +222,23 @@ def _calls():
 
 
 def _call(function, *values):
-    """Call gmsh in a thread of its own, for which Ctrl-C does not wait; return its result.
+    """Call gmsh in a thread of its own, for which Ctrl-C does not wait.
 
     HXT sets the number of OpenMP threads of the thread that calls it, and leaves it at one.
     """
-    done = Future()
+    failed = []
 
     def work():
         try:
-            done.set_result(function(*values))
-        except BaseException as error:  # raised again below
-            done.set_exception(error)
+            function(*values)
+        except Exception as error:
+            failed.append(error)
 
     thread = threading.Thread(target=work, name=_NAME, daemon=True)
     thread.start()
-    result = done.result()
     thread.join()
-    return result
+    if failed:
+        raise failed[0]
 
 
 def mesh_cells(

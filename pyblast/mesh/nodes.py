@@ -374,6 +374,7 @@ def morton_keys(places: np.ndarray) -> np.ndarray:
     return keys
 
 
+@stored
 def renumbered(mesh: Mesh, patch: np.ndarray | None = None) -> Mesh:
     """Return the same mesh with nodes and zones, group by group, in Morton order (1966).
 

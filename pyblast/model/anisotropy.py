@@ -7,8 +7,9 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..core import ZONE_LAWS
 from ..errors import InputError
-from ..units import check_modulus, check_tangent
+from ..units import check_modulus
 from .material import Material
 
 VOIGT = ((0, 0), (1, 1), (2, 2), (1, 2), (2, 0), (0, 1))
@@ -347,19 +348,7 @@ class HoekBrown:
 
     def __post_init__(self) -> None:
         """Check the strengths."""
-        for name in ("sigci", "m"):
-            if not 0.0 < getattr(self, name) < math.inf:
-                raise InputError(f"material.{name}: must be positive, got {getattr(self, name):g}")
-        for name in ("s", "dilation", "tension", "s_residual", "tension_residual",
-                     "shear_strain", "tensile_strain"):  # fmt: skip
-            value = getattr(self, name)
-            if value is not None and not 0.0 <= value < math.inf:
-                raise InputError(f"material.{name}: must be finite and not negative, got {value:g}")
-        if self.m_residual is not None and not 0.0 < self.m_residual < math.inf:
-            raise InputError(f"material.m_residual: must be positive, got {self.m_residual:g}")
-        if not 0.5 <= self.a <= 1.0:
-            raise InputError(f"material.a: must lie between 0.5 and 1, got {self.a:g}")
-        check_tangent("material.dilation", self.dilation)
+        ZONE_LAWS[self.name].check("material", vars(self))
         friction = self.equivalent(self.sigci)[1]
         if self.dilation > friction:
             raise InputError(
@@ -399,14 +388,7 @@ class HoekBrown:
         """Return peak and residual strengths for the routine."""
         tip = self.s * self.sigci / self.m
         tension = tip if self.tension is None else min(self.tension, tip)
-        residual = {
-            "m_residual": self.m if self.m_residual is None else self.m_residual,
-            "s_residual": self.s if self.s_residual is None else self.s_residual,
-            "tension_residual": tension if self.tension_residual is None else self.tension_residual,
-        }
-        own = {k: getattr(self, k) for k in ("sigci", "m", "s", "a", "dilation")}
-        strains = {k: getattr(self, k) for k in ("shear_strain", "tensile_strain")}
-        return {**own, "tension": tension, **residual, **strains}
+        return ZONE_LAWS[self.name].complete("material", {**vars(self), "tension": tension})
 
 
 @dataclass(frozen=True)
@@ -442,16 +424,7 @@ class UbiquitousJoints:
         if not 0.0 < length < math.inf:
             raise InputError(f"material.normal: must be finite and not zero, got {self.normal}")
         object.__setattr__(self, "normal", tuple(float(x) / length for x in self.normal))
-        for name in ("cohesion", "friction", "dilation", "tension"):
-            value = getattr(self, name)
-            if not 0.0 <= value < math.inf:
-                raise InputError(f"material.{name}: must be finite and not negative, got {value:g}")
-        check_tangent("material.friction", self.friction)
-        if self.dilation > self.friction:
-            raise InputError(
-                f"material.dilation: must not exceed the friction, got tangents {self.dilation:g} "
-                f"and {self.friction:g}; dilation above friction creates energy"
-            )
+        ZONE_LAWS[self.name].complete("material", self._given())
 
     def moduli(self, material: Material) -> tuple[float, float]:
         """Return the elastic Lame moduli, Pa."""
@@ -460,6 +433,9 @@ class UbiquitousJoints:
     def properties(self, material: Material) -> dict[str, float]:  # noqa: ARG002
         """Return the normal and the strengths for the routine."""
         tip = self.cohesion / self.friction if self.friction > 0.0 else math.inf
-        own = {k: getattr(self, k) for k in ("cohesion", "friction", "dilation")}
-        axes = dict(zip(("normal_x", "normal_y", "normal_z"), self.normal, strict=True))
-        return {**axes, **own, "tension": min(self.tension, tip)}
+        return {**self._given(), "tension": min(self.tension, tip)}
+
+    def _given(self):
+        """Return the properties as they were given."""
+        strength = {k: v for k, v in vars(self).items() if k != "normal"}
+        return dict(zip(("normal_x", "normal_y", "normal_z"), self.normal, strict=True)) | strength

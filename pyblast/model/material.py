@@ -59,6 +59,9 @@ def relative_modulus(
     return np.asarray(1.0 + sum(relaxing))
 
 
+BEYOND_BAND = 3.0  # factor by which the band of constant Q exceeds that of records, both ways
+
+
 @dataclass(frozen=True)
 class ConstantQ:
     """Frequency-independent attenuation: quality factors constant over a band, with dispersion.
@@ -105,6 +108,11 @@ class ConstantQ:
             raise InputError(f"material.band: must be two ascending frequencies, got {self.band}")
         if self.reference is not None and not 0.0 < self.reference < np.inf:
             raise InputError(f"material.reference: must be positive, got {self.reference} Hz")
+
+    @classmethod
+    def around(cls, qp: float, qs: float, band: tuple[float, float]) -> "ConstantQ":
+        """Return factors that are constant from a third to three times a band of records in Hz."""
+        return cls(qp, qs, (band[0] / BEYOND_BAND, band[1] * BEYOND_BAND))
 
     @cached_property
     def rates(self) -> np.ndarray:
@@ -221,9 +229,6 @@ def _relative_to_unrelaxed(shares, rates, frequency):
     return 1.0 - np.sum(shares * rates / (rates - 1j * omega), axis=-1)
 
 
-STRENGTHS = ("cohesion", "friction", "dilation", "tension")
-
-
 @dataclass(frozen=True)
 class MohrCoulomb:
     """Mohr-Coulomb plasticity with tension cut-off, hardening or softening.
@@ -266,13 +271,7 @@ class MohrCoulomb:
 
     def __post_init__(self) -> None:
         """Check the strengths."""
-        for name in ("dilation", *(f"{s}_residual" for s in STRENGTHS), "shear_strain",
-                     "tensile_strain"):  # fmt: skip
-            value = getattr(self, name)
-            if value is not None and not 0.0 <= value < math.inf:
-                raise InputError(f"material.{name}: must be finite and not negative, got {value:g}")
-        for name in ("dilation", "friction_residual", "dilation_residual"):
-            check_tangent(f"material.{name}", getattr(self, name) or 0.0)
+        ZONE_LAWS[self.name].check("material", vars(self))
 
     def moduli(self, material: "Material") -> tuple[float, float]:
         """Return the elastic Lame moduli, Pa."""
@@ -288,21 +287,9 @@ class MohrCoulomb:
         """
         if not math.isfinite(material.cohesion):
             raise InputError("material.cohesion: missing; a Mohr-Coulomb material needs it")
-        peak = {name: getattr(material, name) for name in STRENGTHS if name != "dilation"}
-        peak["dilation"] = self.dilation
-        peak["tension"] = self._tension(material)
-        row = dict(peak)
-        for name, value in peak.items():
-            residual = getattr(self, f"{name}_residual")
-            row[f"{name}_residual"] = value if residual is None else residual
-        for kind in ("", "_residual"):
-            friction, dilation = row["friction" + kind], row["dilation" + kind]
-            if dilation > friction:
-                raise InputError(
-                    f"material.dilation{kind}: must not exceed the friction, got tangents "
-                    f"{dilation:g} and {friction:g}; dilation above friction creates energy"
-                )
-        return {**row, "shear_strain": self.shear_strain, "tensile_strain": self.tensile_strain}
+        peak = {"cohesion": material.cohesion, "friction": material.friction}
+        given = {**vars(self), **peak, "tension": self._tension(material)}
+        return ZONE_LAWS[self.name].complete("material", given)
 
     def _tension(self, material):
         """Return the tensile strength, limited by the apex of the cone; large without friction."""

@@ -8,6 +8,7 @@ import numpy as np
 
 from ..blasts.blast import ANFO_DENSITY, Firing
 from ..errors import Finding, by_wave
+from ..ground.tables import joint_of_surface, set_stiffness
 from ..mesh import quality
 from ..mesh.as_built import Row
 from ..mesh.mesh import surface_zones, zone_edge_lengths
@@ -17,10 +18,8 @@ from ..solver.initial_stress import joint_pressures
 from ..solver.injection import near_receivers, refusal
 from ..units import plain_number
 from . import checks_ground
-from .checks_ground import ModelSummary, boundary_defects, summarise_model
+from .checks_ground import ModelSummary, boundary_defects, ground_notes, summarise_model
 from .elastic_ground import elastic_finding
-from .elements import elements_of
-from .ground import joint_of_surface, set_stiffness
 from .inputs import central_frequency, input_band, shape
 from .level import (
     energy_finding,
@@ -35,7 +34,6 @@ from .places import (
     source_material,
     source_names,
 )
-from .surface import ground_notes
 from .validity import band_finding, band_of
 
 
@@ -471,7 +469,7 @@ def no_absorbing_layer(project):
         "Only dashpots absorb the waves of sources inside",
         f"{', '.join(viscous)}: dashpots absorb well only what comes above about 30 degrees of "
         "incidence, and waves from a source inside graze the sides. The zones are "
-        f"{elements_of(project)}. Hexahedra (mesh.kind) have an absorbing layer of their own; for "
+        f"{project.meshed.reason}. Hexahedra (mesh.kind) have an absorbing layer of their own; for "
         "tetrahedra give mesh.padding_m, or [absorbing_layer] with a box and a width.",
     )
 

@@ -7,16 +7,18 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..errors import Finding, by_wave
+from ..ground.surface import benches_of, welded_surfaces
+from ..ground.tables import set_normal, set_stiffness
+from ..mesh.faces import face_vectors
 from ..mesh.mesh import quality, surface_areas, zone_volumes
 from ..mesh.quality import count_blocks
 from ..model.joint import infill_stiffness
+from ..model.terrain import burdens
 from ..solver import assembly, preparation, run
 from ..solver.edge_springs import run_bytes
 from ..solver.initial_stress import joint_pressures
 from ..solver.loads import surface_impedance
 from ..units import plain_number
-from .elements import elements_of
-from .ground import set_normal, set_stiffness
 from .places import face_materials
 
 LITTLE, MISMATCH = 0.7, 0.1
@@ -423,7 +425,7 @@ def summarise_model(project, measure=False, progress=None) -> ModelSummary:
     mass = model.zone_values("density") * zone_volumes(model.mesh)
     blocks = count_blocks(model.mesh, ("top", *project.config.boundaries.free))
     return ModelSummary(
-        elements=elements_of(project),
+        elements=project.meshed.reason,
         groups=_groups(model, mass, limit.implicit.zones),
         zones=len(model.mesh.zones),
         nodes=len(model.nodes.points),
@@ -581,3 +583,28 @@ def near_source(rows, names, obstacle=""):
         + (f" Not injected: {obstacle}." if obstacle else ""),
         numbers={"error": max(row.error for row in rows), "untrusted": float(untrusted)},
     )
+
+
+def ground_notes(project):
+    """Say what the fractures add up to, and how far holes stand behind the faces of benches."""
+    notes, blast = [], project.blast
+    for part in project.config.mesh.fractures:
+        faces = project.mesh.surfaces.get(part.name, np.empty((0, 3), dtype=int))
+        area = np.linalg.norm(face_vectors(project.mesh.points, faces), axis=1).sum()
+        volume = np.prod(project.config.mesh.size_m)
+        drawn = "" if part.file else f", drawn with seed {part.seed}"
+        notes.append(
+            f"Fractures {part.name}: {area:.4g} m2, P32 {area / volume:.3g} 1/m of the box{drawn}."
+        )
+    for name in welded_surfaces(project.config.mesh, project.mesh):
+        notes.append(f"Surface {name} of the mesh file lies inside: welded, no joint and no side.")
+    if project.config.mesh.benches and blast is not None:
+        burden = burdens(benches_of(project.config.mesh, project.folder), blast.centres)
+        burden = burden[np.isfinite(burden)]
+        if len(burden):
+            notes.append(
+                f"Burden of {len(burden)} of {len(blast.centres)} holes, from the middle of the "
+                f"charge to the nearest bench face at its height: {burden.min():.3g} to "
+                f"{burden.max():.3g} m."
+            )
+    return tuple(notes)

@@ -31,7 +31,7 @@ from ..recordings.recording import (
 from ..signals.seismogram import GEOGRAPHIC, Seismogram, fast_length
 from ..signals.spectra import LowPassed, dominant_frequency, highest_frequency, lowpass
 from ..units import to_si
-from .places import carried_frequency, charge_depth, level_distance
+from .places import charge_depth, level_distance
 
 QUIET_CYCLES = 3.0
 
@@ -104,6 +104,8 @@ def make_firing(config, blast, reference_charge=None) -> Firing:
     """
     if blast is None:
         return Firing(np.zeros(1), np.ones(1))
+    if (reference_charge or config.reference_charge_kg) and not np.any(blast.charge):
+        raise InputError("blast: all charges are zero, so nothing enters; give charges in kg")
     firing = blast.firing(reference_charge or config.reference_charge_kg, config.charge_exponent)
     if config.scatter_ms:
         sigma = to_si("scatter_ms", config.scatter_ms)[1]
@@ -301,6 +303,11 @@ def make_entry(config, motion, fronts=None):
         return [StressInput(config.face, motion, fronts=fronts)], []
     angles = [to_si(key, getattr(config, key))[1] for key in ("azimuth_deg", "inclination_deg")]
     along = motion.velocity @ polarisation(config.wave, *angles)
+    if not np.any(np.abs(along) > 1e-9 * np.abs(motion.velocity).max()):
+        raise InputError(
+            f"input.wave: the signature has no motion along {config.wave} from "
+            f"{config.azimuth_deg:g} degrees, so nothing enters; take another wave or azimuth_deg"
+        )
     history = TimeFunction(along, motion.dt, motion.start)
     return [], [PlaneWave(config.wave, history, *angles, free_surface=config.free_surface)]
 
@@ -540,8 +547,11 @@ class Inside:
         )
 
 
-def read_inside(project) -> Inside:
-    """Read the time functions of all sources of a `Project`."""
+def read_inside(project, carried) -> Inside:
+    """Read the time functions of all sources of a `Project`.
+
+    ``carried()`` is the frequency in Hz that its mesh carries around the holes.
+    """
     config, materials, folder = project.config, project.materials, project.folder
     rate = air = corner = whole = None
     if config.holes_inside is not None:
@@ -554,7 +564,7 @@ def read_inside(project) -> Inside:
                 config.holes_inside, exponent, materials, folder, distance, depth, project.log
             )
             low_pass = config.holes_inside.low_pass_hz or ("none" if hole is None else "mesh")
-            rate, corner = within_band(whole, low_pass, lambda: carried_frequency(project))
+            rate, corner = within_band(whole, low_pass, carried)
     if config.air_blast is not None:
         air = make_air_pulse(config.air_blast, folder, project.log)
     forces, tensors, pressures = (

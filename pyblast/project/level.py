@@ -17,6 +17,7 @@ from ..blasts.published_laws import (
     plausible_ppv,
 )
 from ..blasts.signature import ground_peak, moment_velocity, superpose
+from ..config.ground import HEAVY, SOFT
 from ..errors import Finding
 from ..mesh.faces import face_vectors
 from ..mesh.mesh import surface_zones
@@ -637,7 +638,6 @@ LIKELY = {
     "stress": (0.0, 5e8, "MPa", 1e-6),
 }
 LOOSEST, STIFFEST, WET = 1.45, 15.0, (1300.0, 2100.0)  # cp/cs of ground; cp of wet soil, m/s
-SOFT, HEAVY = 150.0, 2300.0  # cs in m/s that no rock has which is denser, kg/m3
 SHORTEST_DELAY, SHORTEST_BLAST, LONGEST_DELAY = 0.5e-3, 10e-3, 5.0  # s
 
 

@@ -215,6 +215,54 @@ def make_absorbing_layer(config):
     return SpongeLayer(axis_limits((low, low + size) for low, size in ends), mesh.padding_m)
 
 
+def extent_of(project) -> np.ndarray:
+    """Return the box (3, 2) in m of the ground of a project without padding or absorbing layer."""
+    mesh, layer = project.config.mesh, make_absorbing_layer(project.config)
+    if layer is not None:
+        return np.array(layer.box, dtype=float)
+    if mesh.size_m is not None:
+        low = np.array(mesh.origin_m)
+        return np.column_stack([low, low + mesh.size_m])
+    points = project.mesh.points
+    return np.column_stack([points.min(axis=0), points.max(axis=0)])
+
+
+def positions_of(project) -> dict[str, tuple[float, ...]]:
+    """Return the positions (2 or 3,) in m of sources and receivers of all blasts, by name."""
+    positions = {}
+    for each in (project, *project.further):
+        config = each.config
+        if each.blast is not None and config.holes_inside is not None:
+            positions |= hole_positions(each.blast)
+        for kind in ("point_forces", "moment_tensors"):
+            parts = enumerate(getattr(config, kind), start=1)
+            positions |= {f"{kind}[{number}]": part.position_m for number, part in parts}
+        positions |= {f"receivers.{part.name}": part.position_m for part in config.receivers}
+    given = project.given.get("receivers", ())
+    return positions | {f"receivers.{each.name}": each.position for each in given}
+
+
+def survey_positions(project) -> np.ndarray:
+    """Return the horizontal positions (n, 2) in m of sources and receivers of all blasts."""
+    return np.concatenate([_horizontal(each) for each in (project, *project.further)])
+
+
+def _horizontal(project):
+    """Return the horizontal positions (n, 2) in m of receivers and sources of one blast."""
+    config, blast = project.config, project.blast
+    parts = [*config.receivers, *config.point_forces, *config.moment_tensors]
+    positions = [part.position_m[:2] for part in parts]
+    positions += [receiver.position[:2] for receiver in project.given.get("receivers", ())]
+    if blast is not None and config.holes_inside is not None:
+        positions += [*blast.collar[:, :2], *blast.toe[:, :2]]
+    return np.array(positions, dtype=float).reshape(-1, 2)
+
+
+def longest_path(positions: np.ndarray) -> float:
+    """Return the diagonal in m of what horizontal positions (n, 2) of a survey span."""
+    return float(np.linalg.norm(np.ptp(positions, axis=0))) if len(positions) else 0.0
+
+
 def radiating_positions(project) -> np.ndarray:
     """Return the positions (n, 3) in m of the sources of a project; none of what enters by a face.
 
@@ -229,9 +277,8 @@ def radiating_positions(project) -> np.ndarray:
     return np.array(rows, dtype=float).reshape(-1, 3)
 
 
-def carried_frequency(project) -> float:
-    """Return the highest frequency in Hz that the mesh carries in the ground around the holes."""
-    mesh = project.mesh
+def carried_frequency(project, mesh) -> float:
+    """Return the highest frequency in Hz that a mesh carries in the ground around the holes."""
     model = Model(
         mesh, project.materials, project.joints, quadratic=project.config.mesh.quadratic,
         sponge=None if mesh.hexahedral else make_absorbing_layer(project.config),

@@ -1,7 +1,7 @@
 """A project: everything that its file names, as objects in SI units, and variants of it."""
 
 import hashlib
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -14,6 +14,21 @@ from ..config.config import Config, check_config, read_config
 from ..config.ground import BoundariesConfig, GroundConfig, MeshConfig
 from ..config.section import changed_tables, value_at
 from ..errors import InputError, named_error
+from ..ground.ground import Ground
+from ..ground.surface import welded_surfaces
+from ..ground.tables import (
+    joint_of_surface,
+    jointed_media,
+    make_boundaries,
+    make_damping,
+    make_fields,
+    make_insitu,
+    make_joints,
+    make_materials,
+    refuse_open_sides,
+    refuse_unknown_sides,
+    with_damaged_material,
+)
 from ..mesh.as_built import Row, positions_as_built
 from ..mesh.mesh import Mesh, inner_facets
 from ..model.joint import Joint
@@ -22,27 +37,24 @@ from ..model.model import Model, Receiver, SpongeLayer
 from ..readers.provenance import ReadLog
 from ..recordings.recording import Recording
 from ..signals.seismogram import Seismogram
+from ..simulation.recipe import (
+    FINER_ERROR,
+    OF_FITS,
+    Meshed,
+    Stations,
+    mesh_ground,
+    sized_by_blast,
+    sizes_for_band,
+    sizes_for_error,
+)
 from ..solver.initial_stress import joint_pressures
 from ..solver.injection import with_injection
+from ..solver.run import Run, simulate
 from .elastic_ground import ElasticGround, elastic_ground, with_elastic_ground
-from .elements import Ground, longest_path, make_ground, needs_of, survey_positions
-from .ground import (
-    joint_of_surface,
-    jointed_media,
-    make_boundaries,
-    make_damping,
-    make_fields,
-    make_geometry,
-    make_insitu,
-    make_joints,
-    make_materials,
-    refuse_open_sides,
-    refuse_unknown_sides,
-    with_damaged_material,
-)
 from .inputs import (
     InputMotion,
     Inside,
+    blast_frequency,
     like_simulated,
     make_blast,
     make_entry,
@@ -57,16 +69,20 @@ from .inputs import (
     wave_fronts,
 )
 from .places import (
+    carried_frequency,
     check_absorbing_layer,
     hole_positions,
+    longest_path,
     make_absorbing_layer,
     place_receivers,
     place_sources,
+    positions_of,
     single_source,
     source_positions,
+    survey_positions,
 )
-from .surface import make_surface, welded_surfaces
 
+MOST_MESHES = 24  # of variants of a project that are kept, split and not
 STEP_FACTOR = {False: 0.8, True: 0.95}  # over a bound of tetrahedra, over the limit of hexahedra
 
 
@@ -97,8 +113,15 @@ class Project:
         Further blasts in the same ground, of `with_further`.
     fields : tuple of Gradient, DamagedZone or Heterogeneity
         Factors on the wave speeds beside those of the table [ground].
+    terrain : (n, 3) or (n, 3, 3) float64, m, optional
+        Surveyed top surface, or its triangles, in place of that of the file.
+    span : float, m, optional
+        Longest path between sources and receivers that sets the edges, in place of that between
+        those of the file.
+    meshes : dict
+        Meshes of this project and of what `replace` makes of it, each built once; shared.
     given : dict of str to object
-        Parts, such as ``mesh`` or ``records``, that replace those of the file.
+        Parts, such as ``records``, that replace those of the file.
     log : ReadLog
         What was read from files so far.
     """
@@ -110,6 +133,9 @@ class Project:
     name: str = ""
     further: tuple["Project", ...] = ()
     fields: tuple = ()
+    terrain: np.ndarray | None = None
+    span: float | None = None
+    meshes: dict[tuple, Any] = field(default_factory=dict, repr=False)
     given: dict[str, Any] = field(default_factory=dict)
     log: ReadLog = field(default_factory=ReadLog, repr=False)
 
@@ -137,9 +163,10 @@ class Project:
         return any(key == name or key.startswith(f"{name}.") for name in self.config.assumed)
 
     @property
-    def time_zero(self) -> str | None:
-        """ISO time of firing time 0, None where unknown."""
-        return self.given.get("time_zero")
+    def ground_materials(self) -> list[str]:
+        """Names of the materials in the ground, layers from the top down."""
+        layers = [layer.material for layer in self.config.mesh.layers]
+        return list(dict.fromkeys(layers or self.mesh.groups))
 
     @property
     def faults(self) -> list[str]:
@@ -190,7 +217,7 @@ class Project:
     def inside(self) -> Inside:
         """Return the histories of all sources beside a motion on a face."""
         with named_error(self.path.name):
-            return read_inside(self)
+            return read_inside(self, lambda: carried_frequency(self, self.mesh))
 
     @_part
     def motions(self) -> tuple[Seismogram, ...]:
@@ -201,72 +228,141 @@ class Project:
     @property
     def lead(self) -> float:
         """Time from the start of the run to the first firing [s]."""
+        return self._lead(self.inside)
+
+    def _lead(self, inside):
+        """Return the time in s from the start of a run of such sources to the first firing."""
         face = 0.0 if self.input is None else self.input.motion.start
-        return max(0.0, -face, -self.inside.start)
+        return max(0.0, -face, -inside.start)
 
     @property
     def duration(self) -> float:
         """Duration of the run [s]: the lead and the given duration after the first firing."""
         return self.lead + self.config.run.duration_s
 
-    @_part
-    def surface(self) -> np.ndarray | None:
-        """Surveyed top surface, (n, 3) m, or its triangles (n, 3, 3)."""
-        return make_surface(self.config.mesh, self.folder, self.log)
+    @cached_property
+    def ground(self) -> Ground:
+        """What is there, whatever elements it is cut into."""
+        config = self.config
+        band, signature = config.run.compare_band_hz, config.signature
+        return Ground(
+            config.mesh, config.ground, config.boundaries, config.absorbing_layer, self.materials,
+            self.joints, self.terrain, "" if signature is None else config.input.enters_as,
+            None if band is None else band[1], self.folder, self.log,
+        )  # fmt: skip
 
-    @_part
+    @cached_property
     def reach(self) -> float:
         """Longest path in m between sources and receivers of all blasts; sets the edges."""
-        return longest_path(survey_positions(self))
+        return longest_path(survey_positions(self)) if self.span is None else self.span
 
-    @_part
-    def ground(self) -> Ground:
+    @cached_property
+    def geometry(self) -> tuple:
+        """What decides the mesh: variants with the same share it."""
+        return self.reach, *self.ground.key()
+
+    @cached_property
+    def meshed(self) -> Meshed:
         """Mesh, not split, and why it has its elements."""
+        return self._kept(self.geometry, self._mesh_ground)
+
+    def _mesh_ground(self):
+        """Build the mesh of the ground, not split."""
+        config = self.config
+        received = config.receivers or "receivers" in self.given
+        moments = bool(config.holes_inside or config.moment_tensors)
+        near = bool((moments or config.point_forces) and received)
+        stations = Stations(positions_of(self), self.reach, moments, near)
         with named_error(self.path.name):
-            return make_ground(self)
+            return mesh_ground(self.ground, stations, self._top, self._model_on)
+
+    def _kept(self, key, build):
+        """Return a mesh of the shared store, built where it is new; the first ones stay in it."""
+        if key not in self.meshes:
+            built = build()
+            if len(self.meshes) >= MOST_MESHES:
+                del self.meshes[list(self.meshes)[2]]
+            self.meshes[key] = built
+        return self.meshes[key]
+
+    def _top(self):
+        """Return the frequency in Hz that the blast asks a mesh to carry, if it does."""
+        return blast_frequency(self)
+
+    def for_band(self, highest: float, accuracy: float = OF_FITS) -> MeshConfig:
+        """Return the table of the mesh on which records are fitted up to a frequency in Hz.
+
+        That of `sizes_for_band` where the ground takes hexahedra, else that of the file.
+        """
+        fitted = sizes_for_band(self.ground, highest, accuracy)
+        plain = self.config.mesh.model_copy(update={"near_source_work": fitted.near_source_work})
+        if fitted == plain or self.changed(mesh=fitted).meshed.mesh.hexahedral:
+            return fitted
+        return plain
+
+    def refined(self, error: float = FINER_ERROR) -> MeshConfig | None:
+        """Return the table of a mesh with another error over that of the mesh, if there is one."""
+        frequency = sized_by_blast(self.ground, self._top).frequency
+        return sizes_for_error(self.ground, self.meshed.mesh, frequency, error)
 
     @property
     def as_built(self) -> tuple[Row, ...]:
         """Survey of the ground, and of where sources and receivers stand in it."""
-        made_here = "mesh" not in self.given or "ground" in self.given
-        ground = self.ground.rows if made_here else ()
-        asked = None if self.config.mesh.file else make_geometry(self.config, self.surface)
+        asked = None if self.config.mesh.file else self.ground.geometry
         positions = source_positions(self) | {
             f"receivers.{part.name}": part.position for part in self.receivers
         }
-        return (*ground, *positions_as_built(self.mesh, asked, positions))
+        return (*self.meshed.rows, *positions_as_built(self.mesh, asked, positions))
 
-    @_part
+    @cached_property
     def mesh(self) -> Mesh:
         """Mesh, split along its joints."""
+        holes = ()
+        if self.ground.of_one_blast:
+            holes = self.blast.collar.tobytes(), self.blast.toe.tobytes()
+        key = "split", *self.geometry, holes
+        return self._kept(key, lambda: self._split(self.meshed.mesh))
+
+    def _split(self, mesh):
+        """Return a mesh split along its joints, with the damaged ground of this blast."""
         with named_error(self.path.name):
-            mesh = self.ground.mesh.split([joint.surface for joint in self.joints])
+            mesh = mesh.split([joint.surface for joint in self.joints])
             return with_damaged_material(self.config.ground, self.blast, mesh)
 
     @_part
     def receivers(self) -> tuple[Receiver, ...]:
         """Receivers; those without height stand on the surface."""
-        mesh = self.mesh
+        return self._receivers_in(self.mesh)
+
+    def _receivers_in(self, mesh):
+        """Return the receivers of the file in a mesh."""
         with named_error(self.path.name):
             return place_receivers(self.config.receivers, mesh)
 
-    @_part
+    @property
     def sources(self) -> tuple:
         """All sources in the mesh; their time 0 is `lead` before the first firing."""
-        parts = self.inside, self.config, self.blast, self.mesh, self.lead
-        with named_error(self.path.name):
-            return place_sources(*parts)
+        return self._sources_in(self.mesh, self.inside)
 
-    @_part
+    def _sources_in(self, mesh, inside):
+        """Return sources of such time functions in a mesh."""
+        with named_error(self.path.name):
+            return place_sources(inside, self.config, self.blast, mesh, self._lead(inside))
+
+    @property
     def absorbing_layer(self) -> SpongeLayer | None:
         """Damped ground around tetrahedra; no receiver and no hole stands in it."""
-        layer = None if self.mesh.hexahedral else make_absorbing_layer(self.config)
-        positions = {f"receivers.{part.name}": part.position for part in self.receivers}
-        if self.inside.moment_rate is not None:
+        return self._layer_in(self.mesh, self.inside, self.receivers)
+
+    def _layer_in(self, mesh, inside, receivers):
+        """Return the absorbing layer around a mesh of tetrahedra."""
+        layer = None if mesh.hexahedral else make_absorbing_layer(self.config)
+        positions = {f"receivers.{part.name}": part.position for part in receivers}
+        if inside.moment_rate is not None:
             positions |= hole_positions(self.blast)
         if layer is not None:
             with named_error(self.path.name):
-                check_absorbing_layer(layer, self.mesh, positions)
+                check_absorbing_layer(layer, mesh, positions)
         return layer
 
     @_part
@@ -311,6 +407,42 @@ class Project:
                 compared[name] = record.filtered_like(self.low_pass)
         return compared
 
+    def simulate(
+        self,
+        duration: float | None = None,
+        *,
+        progress: Callable | None = None,
+        snapshot_times: Sequence[float] = (),
+    ) -> Run:
+        """Simulate the motion of the model from the first firing on; no file is written.
+
+        Parameters
+        ----------
+        duration : float, s, optional
+            From the start of the run; by default that of the project.
+        progress : callable, optional
+            Called with (stage, done, total) between chunks of time steps of about 0.05 s.
+        snapshot_times : sequence of float, s
+            After the first firing, when node velocities are kept.
+
+        Raises
+        ------
+        InputError, ReadError
+            If the project or a file of it is wrong.
+        SolverError
+            If the motion is not finite or its energy grows without cause.
+
+        See Also
+        --------
+        pyblast.run : the whole chain, with checks, comparison, files and report.
+        """
+        done = simulate(
+            self.model, self.duration if duration is None else duration, progress=progress,
+            snapshot_times=[time + self.lead for time in snapshot_times],
+        )  # fmt: skip
+        snapshots = {time - self.lead: velocity for time, velocity in done.snapshots.items()}
+        return replace(done, seismograms=self.simulated(done.seismograms), snapshots=snapshots)
+
     def simulated(self, motion: Mapping[str, Seismogram]) -> dict[str, Seismogram]:
         """Return seismograms of a run of the model from the first firing, with their low-pass."""
         corner = self.low_pass
@@ -343,10 +475,22 @@ class Project:
         """Parts that were given or are computed."""
         return {**self.given, **{k: v for k, v in vars(self).items() if k in PARTS}}
 
-    @_part
+    @cached_property
     def model(self) -> Model:
         """Model with all that enters; its time 0 is `lead` before the first firing."""
-        config, mesh = self.config, self.mesh
+        return self._assembled(self.mesh, self.inside, self.receivers)
+
+    def _model_on(self, mesh):
+        """Return the model on a mesh, not split, that need not be that of the project."""
+        mesh = self._split(mesh)
+        with named_error(self.path.name):
+            inside = read_inside(self, lambda: carried_frequency(self, mesh))
+        receivers = self.given.get("receivers") or self._receivers_in(mesh)
+        return self._assembled(mesh, self.given.get("inside") or inside, receivers)
+
+    def _assembled(self, mesh, inside, receivers):
+        """Return the model of a mesh, of time functions of sources and of receivers."""
+        config, lead = self.config, self._lead(inside)
         motion, face = self.input, None if self.input is None else config.input.face
         entries, waves = [], []
         if motion is not None:
@@ -358,8 +502,9 @@ class Project:
             if face not in outer:
                 what = f"must be one of {', '.join(outer)}, got {face!r}"
                 raise InputError(f"{self.path.name}: input.face: {what}")
-            entries, waves = self._entry(motion)
-        sources, receivers, layer = self.sources, self.receivers, self.absorbing_layer
+            entries, waves = self._entry(motion, lead)
+        sources = self._sources_in(mesh, inside)
+        layer = self._layer_in(mesh, inside, receivers)
         with named_error(self.path.name):
             refuse_unknown_sides("boundaries.free", config.boundaries.free, mesh)
             welded_surfaces(config.mesh, mesh)
@@ -381,7 +526,7 @@ class Project:
                 sponge=layer,
             )
             model = with_elastic_ground(model, elastic_ground(model, self.core))
-            model = with_injection(model, self.duration)
+            model = with_injection(model, lead + config.run.duration_s)
             if not config.boundaries.jointed_faces:
                 return model
             pressures = joint_pressures(model)  # joints that close are stiffer under them
@@ -389,22 +534,22 @@ class Project:
             known = make_boundaries(config.boundaries, face, media)
             return replace(model, boundaries=(*known, *entries))
 
-    def _entry(self, motion):
+    def _entry(self, motion, lead):
         """Return boundaries and plane waves by which the motion enters."""
         config, fronts, moving = self.config.input, wave_fronts(self), motion.motion
         if fronts is not None:  # each hole by itself
             alone = Firing(np.zeros(1), np.ones(1))
             moving = make_input(self.signature, alone, config.low_pass_hz).motion
-            fronts = replace(fronts, times=fronts.times + self.lead)
+            fronts = replace(fronts, times=fronts.times + lead)
             return make_entry(config, moving, fronts)
-        return make_entry(config, moving.shifted(self.lead))
+        return make_entry(config, moving.shifted(lead))
 
     @property
     def core(self) -> float | None:
         """Stated radius in m of elastic ground around the holes, None: that of the closed form."""
         return None if self.config.holes_inside is None else self.config.holes_inside.core_m
 
-    @_part
+    @property
     def elastic_ground(self) -> ElasticGround | None:
         """Ground of the model that stays elastic around its sources."""
         return elastic_ground(self.model, self.core)
@@ -422,8 +567,8 @@ class Project:
         own = next(project for project in (self, *self.further) if project.name == name)
         tables = {name: getattr(self.config, name) for name in OF_GROUND}
         config = own.config.model_copy(update=tables)
-        parts = {"materials": self.materials, "joints": self.joints, "fields": self.fields}
-        return replace(own, config=config, further=(), **parts)
+        shared = {name: getattr(self, name) for name in OF_ALL}
+        return replace(own, config=config, further=(), **shared)
 
     def firing_as(self, blast: Blast) -> "Project":
         """Return the project of one blast with another; the moment rate of 1 kg stays."""
@@ -470,17 +615,9 @@ class Project:
         tables = {"mesh": mesh, "ground": ground, "boundaries": boundaries}
         tables = {name: table for name, table in tables.items() if table is not None}
         parts["config"] = self.config.model_copy(update=tables)
-        held = parts.setdefault("joints", self.joints)
-        stale = {"sources", "model", "absorbing_layer", "elastic_ground"}
-        if tables or surface is not None:
-            stale |= {"mesh", "ground"}
-        if [j.surface for j in self.joints] != [j.surface for j in held]:
-            stale |= {"mesh"}
-        other = {} if surface is None else {"surface": surface}
-        every = [
-            replace(each, given={k: v for k, v in each.given.items() if k not in stale} | other)
-            for each in (self, *self.further)
-        ]
+        if surface is not None:
+            parts["terrain"] = surface
+        every = [self, *self.further]
         if blasts is not None:
             every = [each.firing_as(blasts[each.name]) for each in every if each.name in blasts]
         if receivers is not None:
@@ -494,8 +631,8 @@ class Project:
                 replace(e, given=e.given | {name: getattr(e, name) for name in ENTERS})
                 for e in every
             ]
-        parts = {"materials": self.materials, "fields": self.fields} | parts
-        return replace(every[0], further=tuple(every[1:]), **parts)
+        shared = {name: getattr(self, name) for name in OF_ALL}
+        return replace(every[0], further=tuple(every[1:]), **shared | parts)
 
     @cached_property
     def input_files(self) -> dict[str, str]:
@@ -506,6 +643,7 @@ class Project:
 
 
 ENTERS = "inside", "signature", "input"
+OF_ALL = "materials", "joints", "fields", "terrain", "span", "meshes"
 OF_GROUND = "mesh", "boundaries", "absorbing_layer", "ground", "damping", "insitu"
 SHARED = (
     "mesh", "materials", "joints", "boundaries", "absorbing_layer", "ground", "damping", "insitu",
@@ -589,8 +727,8 @@ def vary(project: Project, changes: dict[str, float]) -> Project:
     Returns
     -------
     Project
-        If only joints and damping differ, the model shares the mesh, so that `run_many` can run
-        several at once. The mesh is rebuilt only if a change affects it.
+        Its mesh is that of the project, so that `run_many` can run several at once, but where a
+        change affects it.
 
     Raises InputError if a path names no number, or a value breaks a rule of the project file.
     """
@@ -601,16 +739,17 @@ def vary(project: Project, changes: dict[str, float]) -> Project:
         for table in Config.model_fields
         if getattr(config, table) != getattr(project.config, table)
     }
-    reused = {name for name, needs in needs_of(config).items() if not tables & needs}
-    cheap = tables <= CHEAP and "model" in known and not config.boundaries.jointed_faces
-    cheap = cheap and known["model"].joints == project.joints  # no elastic ground around sources
-    if cheap:
-        reused |= {"blast", "firing", "signature", "input", "inside", "sources", "absorbing_layer"}
+    others = {"materials"} if project.ground.sized_by_speeds else set()
+    others |= {"blast", "materials"} if config.ground.damaged_zone else set()
+    of_receivers = {"mesh", "ground", "receivers", *others}
+    reused = set() if tables & of_receivers else {"receivers"}
+    reused |= set() if "receivers" in tables else {"records"}
+    if tables <= CHEAP:
+        reused |= {"blast", "firing", "signature", "input", "inside"}
+    known = project._known
     given = {name: known[name] for name in reused if name in known}
     if "compared_band" in project.given:  # not that of the file: what a mesh carries
         given["compared_band"] = project.given["compared_band"]
     varied = make_project(config, project.path, given)
-    if not cheap:
-        return varied
-    model = replace(known["model"], joints=varied.joints, damping=make_damping(config))
-    return replace(varied, given={**given, "model": model})
+    meshes = {} if tables & others else project.meshes
+    return replace(varied, meshes=meshes, span=project.reach)

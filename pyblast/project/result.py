@@ -12,6 +12,7 @@ import numpy as np
 
 from ..blasts.compliance import METHOD, assess_all, conclusion
 from ..errors import Finding, ReadError
+from ..ground.tables import joint_of_surface
 from ..model.material import ConstantQ
 from ..model.source import Column, Hole, MomentTensor, PointForce
 from ..recordings.tables import LOW_PASSED, instrument_table
@@ -23,7 +24,6 @@ from ..solver.moment_density import source_radii
 from ..solver.preparation import versions
 from ..units import plain_number
 from . import level
-from .ground import joint_of_surface
 from .inputs import input_band
 from .places import blast_table, house_positions, source_names, undamped_plane
 from .validity import band_of, validity

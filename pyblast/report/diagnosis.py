@@ -24,9 +24,8 @@ from ..diagnosis.thresholds import (
     MATERIAL,
 )
 from ..errors import contained
+from ..ground.tables import quality_of
 from ..inference.likelihood import ENERGY_SHARE, MESH_SHARE
-from ..project.elements import elements_of
-from ..project.flat_box import quality_of
 from ..project.result import plain, write_text
 from ..units import FACTORS
 from .diagnosis_figures import (
@@ -423,7 +422,7 @@ def calibration_rows(summary: dict) -> list[dict]:
 def assumptions(diagnosis: Diagnosed, summary: dict) -> list[str]:
     """Return the assumptions of a diagnosis, one sentence each."""
     scene = diagnosis.search.scene
-    case, quality = scene.case, quality_of(scene.case.project)
+    case, quality = scene.case, quality_of(scene.case.project.materials)
     labels = sorted({hypothesis.label for hypothesis in LIBRARY.values()})
     lost, priors = 1.0 - float(np.mean(case.valid)), case.project.config.priors
     finer = "; a finer mesh of the reference site corrects them" if np.any(
@@ -444,7 +443,7 @@ def assumptions(diagnosis: Diagnosed, summary: dict) -> list[str]:
         "repeat a part of it in all blasts. Where nothing scores, the outcome is NULL only if the "
         f"mean square misfit of every receiver and every blast is below {MATERIAL:g} times noise "
         f"and the model error, and no calibrated value lies beyond {FAR_OFF:g} prior deviations.",
-        f"The ground is made of {elements_of(case.project)}{finer}.",
+        f"The ground is made of {case.project.meshed.reason}{finer}.",
         "Attenuation of the reference site: "
         + ("none." if quality is None else f"Qp {quality[0]:g}, Qs {quality[1]:g}."),
         f"The library holds {len(labels)} effects: {', '.join(labels)}. Anything else can only be "

@@ -15,7 +15,7 @@ from ..diagnosis.cross_validation import held_out_prediction
 from ..diagnosis.decision import Decision
 from ..diagnosis.fitting import Fit
 from ..diagnosis.search import Search, means
-from ..project.flat_box import extent_of
+from ..project.places import extent_of
 from ..signals.spectra import wavelet_transform
 from .figures import FAULT, GROUND, INK, RECORDED, SIMULATED, _figure, _tidy, _uri
 
@@ -531,7 +531,7 @@ def _holes(axis, project, view, targets):
 def _layers(axis, project, box):
     """Shade the flat layers of a section and write their names; none below other ground."""
     mesh, top = project.config.mesh, float(extent_of(project)[2, 1])
-    flat = project.given.get("surface") is None and not (mesh.surface_file or mesh.benches)
+    flat = project.terrain is None and not (mesh.surface_file or mesh.benches)
     layers = mesh.layers if flat else ()
     thicknesses = [*(layer.thickness_m for layer in layers[:-1]), None]
     for number, (layer, thickness) in enumerate(zip(layers, thicknesses, strict=False)):

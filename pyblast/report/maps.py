@@ -1,5 +1,6 @@
 """Maps and grids: the plan of a run, peak velocity over its surface, files for ParaView and GIS."""
 
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -448,9 +449,11 @@ def _write(path, mesh):
     path = Path(path)
     beside = path.with_name(f".{path.stem}.part.vtu")
     try:
+        path.parent.mkdir(parents=True, exist_ok=True)
         mesh.write(beside, file_format="vtu")
         beside.replace(path)
     except OSError as error:
         raise ReadError(f"{path}: can't be written ({error.strerror or error})") from None
     finally:
-        beside.unlink(missing_ok=True)
+        with suppress(OSError):
+            beside.unlink()

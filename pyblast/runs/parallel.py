@@ -30,7 +30,7 @@ from ..model.model import Model
 from ..signals.seismogram import Seismogram
 from ..solver.assembly import initial_state
 from ..solver.model_file import read_arrays, write_arrays
-from ..solver.preparation import LEDGER_EVERY, Prepared, fingerprint
+from ..solver.preparation import LEDGER_EVERY, Prepared
 from ..solver.run import Run, simulate
 
 PACKAGE = Path(__file__).parents[1]
@@ -86,8 +86,8 @@ log = logging.getLogger(__name__)
 class Cache:
     """Cache folder of named arrays, one file for each key.
 
-    Files are written atomically and contain the hash of their content. Unreadable files and files
-    of another key are ignored, with a warning in the log.
+    Files are written atomically, with checksums. Unreadable files and files of another key are
+    ignored, with a warning in the log.
 
     Parameters
     ----------
@@ -97,10 +97,6 @@ class Cache:
 
     def __init__(self, folder: str | Path) -> None:
         self.folder = Path(folder)
-        try:
-            self.folder.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise ReadError(f"{self.folder}: can't be made ({error.strerror})") from None
 
     def get(self, key: str) -> dict[str, np.ndarray] | None:
         """Return the arrays of a key, or None."""
@@ -112,15 +108,14 @@ class Cache:
         except ReadError as error:
             log.warning("cache: ignored, and computed again: %s", error)
             return None
-        arrays = groups.get("cached", {})
-        if attributes.get("key") != key or attributes.get("content") != fingerprint(arrays):
+        if attributes.get("key") != key:
             log.warning("cache: %s does not match its name; ignored, and computed again", path)
             return None
-        return arrays
+        return groups.get("cached", {})
 
     def put(self, key: str, arrays: dict[str, np.ndarray]) -> None:
         """Store arrays under a key."""
-        attributes = {"kind": "cached", "key": key, "content": fingerprint(arrays)}
+        attributes = {"kind": "cached", "key": key}
         write_arrays(self._path(key), {"cached": arrays}, attributes)
 
     def __len__(self) -> int:

@@ -98,7 +98,7 @@ def simulate(
     Raises
     ------
     InputError
-        If the checkpoint belongs to another model.
+        If it is no model, or the checkpoint belongs to another one.
     SolverError
         If the motion is not finite or the run is unstable.
 
@@ -125,6 +125,11 @@ def simulate(
     >>> run.seismograms["R1"].label, run.balance_error < 1e-9
     ('R1', True)
     """
+    if not isinstance(model, Model):
+        raise InputError(
+            f"simulate: needs a Model, got {type(model).__name__}; load_project reads a project "
+            "file, whose simulate() runs its model, and run takes its path"
+        )
     began = time.perf_counter()
     prepared = prepared or prepare(model, duration, progress)
     integration = _Integration(model, prepared, peaks_to)
@@ -542,19 +547,12 @@ def _common(name, values):
 
 
 def _integrate_batch(models, prepared, constants, state):
-    """Integrate a batch to the end in chunks; return motion and energy, members last."""
-    total, step, chunks = prepared[0].n_steps, 0, Chunks(1)
-    views, motions, energies = core.to_fortran_batch(constants), [], []
-    while step < total:
-        n_steps = min(chunks.end(step), total) - step
-        with chunks.timed(n_steps):
-            motion, energy, failed = core.advance_batch(views, state, step, n_steps, LEDGER_EVERY)
-        step += len(motion)
-        motions.append(motion)
-        energies.append(energy)
-        if failed is not None:
-            node, member = failed
-            member = member if member < len(models) else 0  # unused members repeat the first
-            text = failure(models[member], prepared[member], step, node)
-            raise SolverError(f"model {member + 1} of the batch: {text}")
-    return np.concatenate(motions), np.moveaxis(np.concatenate(energies), 1, -1)
+    """Integrate a batch to the end; return motion and energy, members last."""
+    views, n_steps = core.to_fortran_batch(constants), prepared[0].n_steps
+    motion, energy, failed = core.advance_batch(views, state, 0, n_steps, LEDGER_EVERY)
+    if failed is not None:
+        node, member = failed
+        member = member if member < len(models) else 0  # unused members repeat the first
+        text = failure(models[member], prepared[member], len(motion), node)
+        raise SolverError(f"model {member + 1} of the batch: {text}")
+    return motion, np.moveaxis(energy, 1, -1)

@@ -477,8 +477,7 @@ def find_moment_rate(
     pulse = spline(np.arange(0.0, 4.0 + 1e-9, 1.0 / (FINE * PER_KNOT)))
     unit = TimeFunction(pulse, dt / FINE)
     inside = replace(project.inside, moment_rate=unit, low_pass=None, unfiltered=None)
-    given = {**project.given, "inside": inside, "mesh": project.mesh}
-    probe = replace(project, given=given)
+    probe = replace(project, given={**project.given, "inside": inside})
     refuse_what_does_not_superpose(probe.model)
     run = simulate_model(probe.model, probe.duration, progress=progress)
     motion = probe.simulated(run.seismograms)

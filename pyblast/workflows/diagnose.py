@@ -1,4 +1,4 @@
-"""Diagnosis of a case or project, and prediction of a further blast: files in, folder out."""
+"""Diagnosis of a project, and prediction of a further blast: files in, folder out."""
 
 import hashlib
 import json
@@ -24,16 +24,15 @@ from ..diagnosis.mistakes import mistakes_of
 from ..diagnosis.search import Search, search
 from ..diagnosis.summary import held_out_blasts, known_so_far, not_computed, summarise_diagnosis
 from ..errors import InputError, ReadError, contained
-from ..project.case_folder import case_files, read_case_folder
-from ..project.elements import better_mesh
-from ..project.flat_box import check_holes, extent_of
 from ..project.level import expected_peaks, level_findings
+from ..project.places import extent_of
 from ..project.project import Project, load_project, with_further
 from ..project.result import plain, write_bytes, write_summary
 from ..recordings.seismic import channel_names, mseed_bytes
 from ..report.diagnosis import write_diagnosis_report
 from ..runs.parallel import WHOLE, code_hash
 from ..signals.seismogram import Seismogram
+from ..simulation.recipe import BETTER
 from ..solver.preparation import versions
 from . import Interrupted, Progress, Say, numbered_folders, result_folder, silent
 
@@ -42,6 +41,7 @@ REPORT = "report.html"
 RUNS = "runs"
 STARTED = "unfinished.json"
 BUDGET = 400
+NEAR = 1e-6  # m, tolerance for positions outside of the box
 
 
 @dataclass(frozen=True, eq=False)
@@ -189,7 +189,7 @@ def prepared(
     """
     failures = {} if failures is None else failures
     forward, finer = Forward(case, folder, executor), None
-    if not wrong and case.share is None and better_mesh(case.project) is not None:
+    if not wrong and case.share is None and case.project.refined(BETTER) is not None:
         finer = Forward(case, folder, executor, fine=True)  # trusted shots show the mesh's error
     table = case.project.config.diagnosis
     fixed = wrong or case.share is not None or (table is not None and not table.calibrate)
@@ -215,13 +215,12 @@ def _checking(checks, folder, executor, case):
 
 
 def read_case(path) -> Project:
-    """Read a case folder, or a project file with its further blasts."""
-    path = Path(path)
-    return read_case_folder(path) if path.is_dir() else with_further(load_project(path))
+    """Read a project file with its further blasts."""
+    return with_further(load_project(path))
 
 
-def diagnose_folder(
-    folder,
+def diagnose_file(
+    file,
     output,
     *,
     budget=BUDGET,
@@ -233,12 +232,12 @@ def diagnose_folder(
     runs=None,
     say=silent,
 ) -> dict:
-    """Diagnose a case folder or a project and write ``diagnosis.json`` and ``report.html``.
+    """Diagnose a project and write ``diagnosis.json`` and ``report.html``.
 
     Parameters
     ----------
-    folder : path
-        With ``site.toml``, hole tables and records; or a project file.
+    file : path
+        Project file with records; its table ``[diagnosis]`` names those of further blasts.
     output : path
         Folder for the result. Runs are stored in its folder ``runs``, so that the same call
         resumes after an interruption; a finished diagnosis of the same files is read.
@@ -255,11 +254,11 @@ def diagnose_folder(
         As in ``diagnosis.json``.
     """
     output = Path(output)
-    provenance = versions(_hash_of(folder)) | {"code_sha256": code_hash(WHOLE)}
+    provenance = versions(_hash_of(file)) | {"code_sha256": code_hash(WHOLE)}
     finished = _finished(output, provenance, budget, seed, correct)
     if finished is not None:
         return finished
-    project = read_case(folder)
+    project = read_case(file)
     _say_level(project, say)
     try:
         output.mkdir(parents=True, exist_ok=True)
@@ -281,16 +280,12 @@ def diagnose_folder(
     return plain(summary)
 
 
-def _hash_of(folder):
+def _hash_of(file):
     """Return the hash of all files of a case, or of all that a project names."""
     digest = hashlib.sha256()
     try:
-        if not Path(folder).is_dir():
-            for project in _blasts(folder):
-                digest.update(json.dumps(project.input_files, sort_keys=True).encode())
-            return digest.hexdigest()
-        for path in case_files(folder):
-            digest.update(path.name.encode() + path.read_bytes())
+        for project in _blasts(file):
+            digest.update(json.dumps(project.input_files, sort_keys=True).encode())
     except ReadError:
         raise
     except OSError as error:
@@ -319,13 +314,13 @@ def _finished(output, provenance, *asked):
     return known if same and answered == asked else None
 
 
-def predict_file(folder, output, summary, holes, path, baseline=False, runs=None):
+def predict_file(file, output, summary, holes, path, baseline=False, runs=None):
     """Write the predicted motion of a further blast at the receivers, as miniSEED.
 
     Parameters
     ----------
-    folder, output : path
-        As of `diagnose_folder`.
+    file, output : path
+        As of `diagnose_file`.
     summary : dict
         Its result.
     holes : path
@@ -343,17 +338,16 @@ def predict_file(folder, output, summary, holes, path, baseline=False, runs=None
     float or None, Hz
         As of `predict_case`.
     """
-    case, model = case_of(read_case(folder)), summary["model"]
+    case, model = case_of(read_case(file)), summary["model"]
     blast = _further(case, holes)
     values = model["baseline_values"] if baseline else model["values"]
     effects = () if baseline else effects_of(model)
-    folder_of_runs = runs or Path(output) / RUNS
-    motion = predict(case, blast, values, effects, folder_of_runs)
+    motion = predict(case, blast, values, effects, runs or Path(output) / RUNS)
     write_bytes(path, _as_recorded(case, motion))
     return case.project.low_pass
 
 
-def check_further(folder, holes, outputs=(), out=None):
+def check_further(file, holes, outputs=(), out=None):
     """Check, before a diagnosis into ``out``, that a further blast can be predicted.
 
     Raises
@@ -362,11 +356,11 @@ def check_further(folder, holes, outputs=(), out=None):
         If its hole table is wrong, a hole lies outside of the box or fires after the end of the
         records, a file cannot hold the names of the receivers, or it cannot be written.
     """
-    case = case_of(read_case(folder))
+    case = case_of(read_case(file))
     _further(case, holes)
     _channels(case)
     target = None if out is None else Path(out).resolve()
-    taken = {path.resolve() for path in (Path(holes), *_inputs(Path(folder)))}
+    taken = {path.resolve() for path in (Path(holes), *_inputs(file))}
     taken |= set() if target is None else {target / RESULT, target / REPORT}
     for output in outputs:
         path = Path(output).resolve()
@@ -379,12 +373,9 @@ def check_further(folder, holes, outputs=(), out=None):
         taken.add(path)
 
 
-def _inputs(folder):
+def _inputs(file):
     """Return the files of a case, or all files of a project and its further blasts."""
-    if folder.is_dir():
-        return case_files(folder)
-    projects = _blasts(folder)
-    return [project.folder / name for project in projects for name in project.input_files]
+    return [project.folder / name for project in _blasts(file) for name in project.input_files]
 
 
 def _blasts(path):
@@ -397,7 +388,7 @@ def _further(case, holes):
     """Read the table of the holes of a further blast, in the coordinates of the project."""
     blast = read_blast(holes)
     if case.project.config.holes_inside is not None:
-        check_holes(extent_of(case.project), holes, blast)
+        _check_holes(extent_of(case.project), holes, blast)
     elif case.project.config.blast is None:
         raise InputError(f"{holes}: the project has no [blast] in whose place it could fire")
     late = int(np.argmax(blast.times))
@@ -409,32 +400,39 @@ def _further(case, holes):
     return blast
 
 
+def _check_holes(box, name, blast):
+    """Refuse a blast with a hole outside of a box (3, 2) m or of unknown charge."""
+    low, high = box.T
+    for hole, centre, charge in zip(blast.hole_ids, blast.centres, blast.charge, strict=True):
+        if np.any(centre < low - NEAR) or np.any(centre > high + NEAR):
+            raise InputError(
+                f"{name}: hole {hole}: lies outside of the box of the ground; move it into it"
+            )
+        if np.isnan(charge):
+            raise InputError(f"{name}: hole {hole}: its charge is missing; give kg, 0 for a dud")
+    if not np.any(blast.charge > 0.0):
+        raise InputError(f"{name}: no hole has a charge")
+
+
 def _as_recorded(case: Case, motion):
     """Return motion as a file with the sampling and the start of the records of the last blast."""
-    last = _as_fired(case)[-1]
+    last = (case.project, *case.project.further)[-1]
     first = next(iter(last.records.values())).seismogram
     sampling = first.start, case.dt, len(first.velocity)
     whole = np.stack(
         [Seismogram(part.T, case.dt, 0.0).sampled(*sampling).velocity.T for part in motion]
     )
-    start = UTCDateTime(last.time_zero or 0) + first.start
-    return mseed_bytes(whole, _channels(case), case.dt, str(start))
+    return mseed_bytes(whole, _channels(case), case.dt, str(UTCDateTime(first.start)))
 
 
 def _channels(case: Case):
     """Return the names of the channels of each receiver in its last record."""
-    tables = [blast.records for blast in reversed(_as_fired(case))]
+    tables = [blast.records for blast in reversed((case.project, *case.project.further))]
     records = {name: next(t[name] for t in tables if name in t) for name in case.receivers}
     return [
         channel_names(name, record.header.get("channels", {}), case.dt)
         for name, record in records.items()
     ]
-
-
-def _as_fired(case: Case):
-    """Return the blasts in the order of their dates, or as listed without dates."""
-    blasts = case.project, *case.project.further
-    return sorted(blasts, key=lambda blast: UTCDateTime(blast.time_zero or 0))
 
 
 def _say_level(project: Project, say: Say) -> None:
@@ -461,11 +459,11 @@ def diagnose_case(
     Parameters
     ----------
     case : path
-        Folder with ``site.toml``, hole tables and records; or a project file.
+        Project file with records; its table ``[diagnosis]`` names those of further blasts.
     out : path, optional
         Folder of numbered folders, one per diagnosis, and of the stored runs, from which the same
-        call resumes; ``diagnosis`` beside the project file or in the case folder by default. A
-        finished diagnosis of the same input is read.
+        call resumes; ``diagnosis`` beside the project file by default. A finished diagnosis of the
+        same input is read.
     fresh : bool
         Whether to run all models again.
     budget : int
@@ -496,8 +494,7 @@ def diagnose_case(
         If a run fails.
     """
     case, say = Path(case), say or silent
-    folder = case if case.is_dir() else case.parent
-    out = folder / "diagnosis" if out is None else Path(out)
+    out = case.parent / "diagnosis" if out is None else Path(out)
     provenance = versions(_hash_of(case)) | {"code_sha256": code_hash(WHOLE)}
     if fresh:
         shutil.rmtree(out / RUNS, ignore_errors=True)
@@ -516,7 +513,7 @@ def diagnose_case(
         result = opened[0]
         write_summary(result / STARTED, started)
         try:
-            summary = diagnose_folder(
+            summary = diagnose_file(
                 case, result, budget=budget, seed=seed, correct=correct, executor=executor,
                 progress=progress,
                 known=lambda so_far: write_summary(

@@ -2,7 +2,6 @@
 
 import logging
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -65,70 +64,6 @@ CHECKPOINT = "checkpoint.h5"
 ENERGY = "D21"
 RESULT = "result.h5"
 log = logging.getLogger(__name__)
-
-
-def simulate(
-    model: Model | Project,
-    duration: float | None = None,
-    *,
-    progress: Progress | None = None,
-    checkpoint: str | Path | None = None,
-    resume: str | Path | None = None,
-    snapshot_times: Sequence[float] = (),
-) -> Run:
-    """Simulate the motion of a model, or of the model of a project; write no files.
-
-    Parameters
-    ----------
-    model : Model or Project
-    duration : float, s, optional
-        Of a model it must be given; a project has its own.
-    progress : callable, optional
-        Called with (stage, done, total) between chunks of time steps of about 0.05 s.
-    checkpoint : path, optional
-        Written every 30 s and when the run is interrupted.
-    resume : path, optional
-        A checkpoint of the same model; the run goes on with the same bits.
-    snapshot_times : sequence of float, s
-        When node velocities are kept.
-
-    Returns
-    -------
-    Run
-        ``seismograms`` by receiver. Time 0 is the start of the simulation; of a project it is the
-        first firing.
-
-    Raises
-    ------
-    InputError
-        If the duration is missing, or the checkpoint belongs to another model.
-    SolverError
-        If the motion is not finite or its energy grows without cause.
-
-    See Also
-    --------
-    run : the whole chain of a project file, with checks, comparison, files and report.
-    """
-    options = {"progress": progress, "checkpoint": checkpoint, "resume": resume}
-    if isinstance(model, Model):
-        if duration is None:
-            raise InputError("simulate: duration is missing; give the seconds to simulate")
-        return solver.simulate(model, duration, snapshot_times=snapshot_times, **options)
-    if not isinstance(model, Project):
-        raise InputError(
-            f"simulate: needs a Model or a Project, got {type(model).__name__}; load_project reads "
-            "a project file, and run takes its path"
-        )
-    lead = model.lead
-    done = solver.simulate(
-        model.model, model.duration if duration is None else duration,
-        snapshot_times=[time + lead for time in snapshot_times], **options,
-    )  # fmt: skip
-    return replace(
-        done,
-        seismograms=model.simulated(done.seismograms),
-        snapshots={time - lead: velocity for time, velocity in done.snapshots.items()},
-    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -197,7 +132,7 @@ def run(
 
     See Also
     --------
-    simulate : the motion alone, without files.
+    Project.simulate : the motion alone, without files.
     """
     tell = progress or silent
     if not isinstance(project, Project):
@@ -422,10 +357,6 @@ def write_curves(folder: Path, result: Result) -> None:
     The files are ``GROUP_RECEIVER.csv``, with ``_spectrum`` the smoothed spectrum, with
     ``_response`` PSV, SD and SA at 5 % damping, for the groups input, simulated and recorded.
     """
-    try:
-        folder.mkdir(exist_ok=True)
-    except OSError as error:
-        raise ReadError(f"{folder}: can't be made ({error.strerror or error})") from None
     for group in ("input", "simulated", "recorded"):
         for name, motion in result.seismograms(group).items():
             stem = "".join(c if c.isalnum() or c in "-_." else "_" for c in f"{group}_{name}")
@@ -448,10 +379,6 @@ def write_curves(folder: Path, result: Result) -> None:
 def write_mesh_files(project: Project, out: str | Path) -> ModelSummary:
     """Write ``zones.vtu`` and ``joints.vtu`` of a project; return the summary of its model."""
     out = Path(out)
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise ReadError(f"{out}: can't be made ({error.strerror or error})") from None
     shown = project.model.shown
     mesh = shown.mesh
     fields = {name: values[shown.zone] for name, values in zone_fields(project.model).items()}

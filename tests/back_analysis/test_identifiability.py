@@ -22,13 +22,13 @@ from pyblast.back_analysis.survey_design import (
 )
 from pyblast.back_analysis.waveforms import Window, white_noise
 from pyblast.errors import InputError
-from pyblast.inference.covariance import LEVELS
+from pyblast.inference.nuisances import DESIGN_LEVELS
 from pyblast.inference.records import band_functions
 from pyblast.report.survey_design import beside_laboratory
 
 WINDOW = Window((5.0, 20.0), 1.0 / 160.0, 160)
 RMS = 1e-4
-RIGHT = dict.fromkeys(LEVELS, 0.0)  # a theory without errors
+RIGHT = dict.fromkeys(DESIGN_LEVELS, 0.0)  # a theory without errors
 RANGES = {
     "joints.F1.ks_gpa_per_m": (0.005, 0.1),
     "damping.ratio": (0.005, 0.05),
@@ -119,7 +119,9 @@ def test_the_posterior_of_a_linear_model_in_white_noise_is_that_of_least_squares
 def test_errors_of_the_theory_leave_less_to_be_told():
     changes = np.array([[5e-4 * pulse(10.0, 0.4)]])
 
-    sure, usual = (heard(changes, levels).information([0], [0]) for levels in (RIGHT, LEVELS))
+    sure, usual = (
+        heard(changes, levels).information([0], [0]) for levels in (RIGHT, DESIGN_LEVELS)
+    )
     assert usual.matrix[0, 0] < sure.matrix[0, 0]
 
 

@@ -21,7 +21,6 @@ from pyblast.back_analysis.waveforms import (
 )
 from pyblast.errors import InputError, SolverError
 from pyblast.inference.records import band_functions
-from pyblast.project.elements import refined
 from pyblast.project.validity import validity
 from pyblast.workflows.back_analysis import RESULT, TRIALS
 
@@ -276,7 +275,7 @@ def test_the_error_of_a_mesh_is_extrapolated_from_a_coarser_one(tmp_path):
     path = noisy(tmp_path)
     path.write_text(path.read_text().replace("grid_cells = [6, 2, 3]", EDGES))
     project = load_project(path)
-    window, other = window_of([project]), project.changed(mesh=refined(project, COARSER))
+    window, other = window_of([project]), project.changed(mesh=project.refined(COARSER))
     motion, coarse = (
         sampled_motion(simulate(one, (), [()]), ["R1"], window) for one in (project, other)
     )

@@ -14,7 +14,7 @@ from benchmarks.blind.noise import SEAM, joined
 from benchmarks.blind.nuisances import shaken
 from benchmarks.blind.plan import DEVELOPMENT_SEED, FAMILY, OUTSIDE, SHARES, TEST_SEED, plan
 from benchmarks.blind.rows import row_of
-from benchmarks.blind.running import predictions
+from benchmarks.blind.running import predictions, project_in
 from benchmarks.blind.scores import (
     by_program,
     calibration_error,
@@ -24,10 +24,9 @@ from benchmarks.blind.scores import (
     shares,
 )
 from benchmarks.blind.sealing import freeze, opened, publish, published, seal
-from benchmarks.blind.sites import AFTER, BEFORE, FURTHER, HIDDEN, draw_site
+from benchmarks.blind.sites import AFTER, BEFORE, DT, FURTHER, HIDDEN, draw_site
 from benchmarks.blind.worlds import World
 from pyblast.errors import InputError
-from pyblast.project.case_folder import read_case_folder
 
 
 def truth(block="single", label="missing_joint", target="x=60.0", **parameters):
@@ -242,15 +241,27 @@ def test_a_plane_on_the_other_axis_has_no_distance():
     assert row_of(truth(), answer(target="y=60.0"))["metres"] is None
 
 
-def test_case_folders_hold_neither_the_further_blast_nor_the_hidden_receiver(tmp_path):
+def test_project_files_hold_neither_the_further_blast_nor_the_hidden_receiver(tmp_path):
     rng = np.random.default_rng(3)
     site = draw_site(rng)
     shape = len(site.receivers), 3, BEFORE + AFTER
-    write_case(tmp_path, "case-000", site, {blast: rng.normal(size=shape) for blast in site.blasts})
-    read = read_case_folder(tmp_path)
-    assert FURTHER not in read.blasts
-    assert HIDDEN not in [r.name for r in read.receivers]
+    drawn = {blast: rng.normal(size=shape) * np.hanning(shape[-1]) for blast in site.blasts}
+    write_case(tmp_path / "cases" / "case-000", "case-000", site, drawn)
+    read = project_in(tmp_path, "case-000")
+    assert list(read.blasts) == [blast for blast in site.blasts if blast != FURTHER]
+    assert [r.name for r in read.config.receivers] == [
+        r.name for r in site.receivers if r.name != HIDDEN
+    ]
     assert read.joints[0].properties == pytest.approx(site.joints[0].joint.properties)
+    rate = read.inside.moment_rate
+    np.testing.assert_allclose(rate.values, site.moment_rate.values, rtol=1e-8, atol=1.0)
+    for one in (read, *read.further):
+        np.testing.assert_allclose(one.blast.times, site.blasts[one.name].times)
+        for n, record in enumerate(one.records.values()):
+            np.testing.assert_allclose(
+                record.seismogram.velocity.T, drawn[one.name][n], rtol=1e-6, atol=1e-6
+            )
+            assert record.seismogram.start == -BEFORE * DT
 
 
 @pytest.mark.parametrize("label", sorted({*FAMILY, *OUTSIDE}))

@@ -11,7 +11,6 @@ from small_site import BAND, BEFORE, DT, SAMPLES, TABLES, small_site
 
 from pyblast.config.config import check_config
 from pyblast.diagnosis.case import case_of
-from pyblast.project.elements import for_band
 from pyblast.project.project import make_project
 from pyblast.recordings.recording import Recording
 from pyblast.signals.seismogram import Seismogram
@@ -80,7 +79,7 @@ def site_on(ground):
     project = project.changed(
         receivers=below_bench(site.receivers) if ground == "bench" else site.receivers
     )
-    return project.changed(mesh=for_band(project, BAND[1]))
+    return project.changed(mesh=project.for_band(BAND[1]))
 
 
 def survey():

@@ -3,10 +3,8 @@
 from functools import cache
 
 import numpy as np
-from scipy import fft, linalg
+from scipy import fft
 
-from pyblast.inference.covariance import whitener
-from pyblast.inference.nuisances import mesh_columns, nuisances, scattering
 from pyblast.inference.records import band_functions, noise_of
 
 DT, BAND, N = 2e-3, (3.0, 30.0), 300
@@ -39,23 +37,3 @@ def residual_case():
     rng = np.random.default_rng(1)
     noise = noise_of(coloured(rng, (6, 3, 3, 125)), DT, BAND)
     return noise, band_functions(N, DT, BAND), seismograms()
-
-
-def whole(case, **levels):
-    noise, band, motion = case
-    parts = nuisances(motion, band) + mesh_columns(0.02 * np.roll(motion, 3, -1)[None], band)
-    return whitener(
-        noise, band, 2, nuisances=parts, scattering=scattering(motion, band), levels=levels
-    )
-
-
-def dense(white):
-    """Covariance of all coefficients, written out."""
-    size = white.spread.size
-    root = linalg.block_diag(
-        *[np.linalg.inv(t) for t in white.turns.reshape(-1, *[white.turns.shape[-1]] * 2)]
-    )
-    inner = np.diag(white.deviation**2)
-    scale = np.array([white.levels[group] for group in white.groups])
-    columns = white.columns * scale[:, None]
-    return root @ (inner + columns.T @ columns) @ root.T, size

@@ -13,7 +13,6 @@ from pyblast.diagnosis.effects import Scene
 from pyblast.diagnosis.forward import Forward
 from pyblast.model.model import Receiver
 from pyblast.model.source import TimeFunction
-from pyblast.project.elements import for_band
 from pyblast.project.inputs import Inside
 from pyblast.project.project import Project, make_project
 from pyblast.recordings.recording import Recording
@@ -44,7 +43,7 @@ def small_site() -> Project:
         for name, blast in blasts.items()
     )
     site = replace(one, further=(other,)).changed(blasts=blasts)
-    return site.changed(mesh=for_band(site, BAND[1]))
+    return site.changed(mesh=site.for_band(BAND[1]))
 
 
 TABLES = {

@@ -1,5 +1,7 @@
 """What a user gets told about mistakes that are easily made."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from small_project import TEXT, written
@@ -97,7 +99,9 @@ def test_d1_counts_zones_in_the_sponge_only_where_there_are_no_others(tmp_path):
     model = load_project(
         written(tmp_path, ("[run]", sponge), ("position_m = [55, 10]", "position_m = [25, 10]"))
     ).model
-    model.mesh.points[model.mesh.points[:, 0] > 40.0] *= [3.0, 1.0, 1.0]
+    points = model.mesh.points.copy()
+    points[points[:, 0] > 40.0] *= [3.0, 1.0, 1.0]
+    model = replace(model, mesh=replace(model.mesh, points=points))
 
     assert model.mean_edges() == pytest.approx(plain)
 

@@ -54,11 +54,11 @@ except Exit as end:
 FORKED = """
 import json, os, sys
 from multiprocessing import get_context
-from pyblast import load_project, simulate
+from pyblast import load_project
 
 def motion(_=None):
     project = load_project(sys.argv[1])
-    return simulate(project).seismograms["house"].velocity.tobytes()
+    return project.simulate().seismograms["house"].velocity.tobytes()
 
 here = motion()
 with get_context("fork").Pool(1) as pool:

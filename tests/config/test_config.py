@@ -89,7 +89,7 @@ def test_a_missing_file_is_refused(tmp_path):
 
 
 def test_a_folder_is_refused(tmp_path):
-    with pytest.raises(ReadError, match="can't be read"):
+    with pytest.raises(ReadError, match="is a folder; name a project file in it"):
         read_config(tmp_path)
 
 

@@ -14,7 +14,7 @@ from pyblast.diagnosis.decision import decide
 from pyblast.diagnosis.effects import Effect
 from pyblast.diagnosis.hypotheses import LIBRARY, untestable_labels
 from pyblast.diagnosis.search import Search
-from pyblast.project.flat_box import constant_q
+from pyblast.model.material import ConstantQ
 from pyblast.recordings.recording import Recording
 from pyblast.signals.seismogram import Seismogram
 from pyblast.workflows.diagnose import diagnose
@@ -48,7 +48,7 @@ def with_blasts(*names):
 
 def fading(project):
     """Return a project whose ground has quality factors."""
-    law = constant_q(60.0, 40.0, BAND)
+    law = ConstantQ.around(60.0, 40.0, BAND)
     return project.changed(
         materials={name: replace(one, law=law) for name, one in project.materials.items()}
     )

@@ -17,8 +17,7 @@ from pyblast.diagnosis.effects import Effect
 from pyblast.diagnosis.hypotheses import LIBRARY
 from pyblast.diagnosis.library.geometry import _fault, _on_top
 from pyblast.errors import InputError
-from pyblast.project.elements import survey_positions
-from pyblast.project.places import on_ground
+from pyblast.project.places import on_ground, survey_positions
 
 STIFF, WEAK = {"kn": 3e10, "ks": 3e10}, {"kn": 1e8, "ks": 1e8}
 
@@ -34,9 +33,6 @@ def site(*dips, direction=100.0):
     ]  # fmt: skip
     joints = [replace(project.joints[0], surface=fault.name) for fault in faults]
     mesh = project.config.mesh.model_copy(update={"faults": faults})
-    sources = [c for blast in project.blasts.values() for c in blast.centres]
-    within = np.array([*sources, *(r.position for r in project.receivers)])[:, :2]
-    project = replace(project, given={**project.given, "within": within})
     return project.changed(mesh=mesh, joints=joints)
 
 
@@ -86,8 +82,8 @@ def test_zones_across_listed_planes_are_tetrahedra_with_a_control_of_their_own()
         for each in (applied("missing_joint/dipping", target, believed, **free, **STIFF), welded)
     )
 
-    assert believed.ground.mesh.hexahedral
-    assert not welded.ground.mesh.hexahedral
+    assert believed.meshed.mesh.hexahedral
+    assert not welded.meshed.mesh.hexahedral
     assert welded.joints == believed.joints
     assert shared(joined, bare) < 0.05
 
@@ -119,7 +115,7 @@ def test_a_missing_joint_too_stiff_to_move_changes_less_than_the_model_error():
     target = "dip 80 to 100 at -22.0"
     there = applied("missing_joint/parallel", target, site(80.0), offset=2.0, **STIFF)
 
-    assert there.ground.mesh.hexahedral
+    assert there.meshed.mesh.hexahedral
     joined, bare = (scene().case.in_band(sent(each)) for each in (there, site(80.0)))
     assert shared(joined, bare) < 0.1  # 1 % of the energy
 
@@ -185,11 +181,11 @@ def test_ground_beyond_a_slope_is_higher_or_lower():
     diagonal = applied("topography", "N", site(), height=-6.0, **knobs | {"turn": math.pi / 4})
     middle = survey_positions(site()).mean(axis=0)
 
-    assert lower.ground.mesh.hexahedral
+    assert lower.meshed.mesh.hexahedral
     assert on_ground(lower.mesh, np.add(middle, (30.0, 5.0)))[2] == pytest.approx(-6.0, abs=0.5)
     assert on_ground(lower.mesh, np.subtract(middle, (30.0, 5.0)))[2] == pytest.approx(0.0, abs=0.5)
     north_east = applied("topography", "NE", site(), height=-6.0, **knobs)
-    np.testing.assert_allclose(diagonal.given["surface"], north_east.given["surface"], atol=1e-9)
+    np.testing.assert_allclose(diagonal.terrain, north_east.terrain, atol=1e-9)
 
 
 def test_a_slope_without_height_changes_nothing():
@@ -204,7 +200,7 @@ def test_a_slope_is_added_to_a_surveyed_surface():
     )
     knobs = {"height": 6.0, "position": 10.0, "width": 20.0, "turn": 0.0}
 
-    surface = applied("topography", "E", site().changed(surface=survey), **knobs).given["surface"]
+    surface = applied("topography", "E", site().changed(surface=survey), **knobs).terrain
 
     east = surface[:, 0] - survey_positions(site()).mean(axis=0)[0]
     inside = np.all((surface[:, :2] >= -50.0) & (surface[:, :2] <= [170.0, 140.0]), axis=1)
@@ -216,7 +212,7 @@ def test_a_slope_is_added_to_a_surveyed_surface():
 def test_a_slope_is_not_sought_where_triangles_give_the_ground():
     triangles = np.array([[[-50.0, -50.0, 0.0], [170.0, -50.0, 0.0], [60.0, 900.0, 0.0]]])
     project = site()
-    project = replace(project, given=project.given | {"surface": triangles})
+    project = replace(project, terrain=triangles)
 
     assert "[[diagnosis.candidates]]" in untestable("topography", project)
 

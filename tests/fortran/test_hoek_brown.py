@@ -122,9 +122,9 @@ def test_within_the_margin_nothing_yields():
     ("keys", "message"),
     [
         ({"sigci": 0.0}, "sigci: must be positive"),
-        ({"m": np.inf}, "m: must be positive"),
-        ({"s": -1.0}, "s: must be finite and not negative"),
-        ({"a": 0.4}, "a: must lie between 0.5 and 1"),
+        ({"m": np.inf}, "m: must be finite"),
+        ({"s": -1.0}, "s: must not be negative"),
+        ({"a": 0.4}, "a: must not be below 0.5"),
         ({"dilation": 3.0}, "dilation: must not exceed the friction"),
         ({"m_residual": 0.0}, "m_residual: must be positive"),
     ],

@@ -477,10 +477,10 @@ def test_a_model_that_breaks_the_table_is_not_written(model, tmp_path):
     with pytest.raises(InputError, match="arrays/node_mass: must be positive"):
         export(replace(prepared, constants=wrong), tmp_path / "model.h5")
     short = {**prepared.state, "velocity": prepared.state["velocity"][:-1]}
-    with pytest.raises(InputError, match=r"state/velocity: must be an array .* got"):
+    with pytest.raises(InputError, match=r"state/velocity: must be \(\d+, 3\) of f, got"):
         export(replace(prepared, state=short), tmp_path / "model.h5")
-    astray = {**prepared.constants, "load_node": prepared.constants["load_node"] + 10**6}
-    with pytest.raises(InputError, match="arrays/load_node: must lie between"):
+    astray = {**prepared.constants, "load_node": prepared.constants["load_node"] - 10**6}
+    with pytest.raises(InputError, match="arrays/load_node: must be at least 1"):
         export(replace(prepared, constants=astray), tmp_path / "model.h5")
     assert not list(tmp_path.iterdir())
 

@@ -9,7 +9,6 @@ import pytest
 import recorder_files as files
 from small_project import written
 
-import pyblast
 from pyblast.errors import Finding, InputError, ReadError
 from pyblast.project.level import predicted_peak
 from pyblast.project.project import load_project
@@ -126,7 +125,7 @@ def test_the_smallest_project_without_a_mesh_size_gives_the_peak_of_its_law(tmp_
     path.write_text(re.sub(r"^edge_m = .*\n", "", text, count=1, flags=re.MULTILINE))
     project = load_project(path)
 
-    (house,) = pyblast.simulate(project).seismograms.values()
+    (house,) = project.simulate().seismograms.values()
 
     (row,) = project.receivers
     assert band_of(project).complete

@@ -7,7 +7,7 @@ import pytest
 
 from docs.check import QUICKSTART, ROOT, differs
 from docs.quickstart_values import RECEIVER, TRUTH, sentence, table
-from pyblast import back_analyse, simulate
+from pyblast import back_analyse
 from pyblast.project.level import plausible_at, predicted_peak
 from pyblast.project.project import load_project
 from pyblast.project.result import comparison_table
@@ -17,7 +17,7 @@ from pyblast.workflows.run import compare_all
 
 def test_the_quick_start_says_what_its_run_gives():
     project = load_project(ROOT / "examples" / "fault_from_records" / "project.toml")
-    motion = simulate(project).seismograms
+    motion = project.simulate().seismograms
 
     compared = comparison_table(compare_all(project, motion)[RECEIVER])
 

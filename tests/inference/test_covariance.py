@@ -1,13 +1,19 @@
-"""Covariance of residuals: errors of the theory beside noise, and how large they are."""
+"""Covariance of residuals: what is whitened, and errors of a survey that is designed."""
 
 import numpy as np
 import pytest
-from residual_case import BAND, DT, N, coloured, dense, residual_case, seismograms, whole
+from residual_case import BAND, DT, N, coloured, residual_case, seismograms
 from scipy import linalg
 
-from pyblast.errors import InputError
-from pyblast.inference.covariance import whitener
-from pyblast.inference.nuisances import nuisances, scattering
+from pyblast.inference.covariance import RecordBlocks, noise_blocks, whitener
+from pyblast.inference.error_model import Change, ErrorModel, Levels
+from pyblast.inference.nuisances import (
+    DESIGN_LEVELS,
+    SCATTER,
+    Nuisances,
+    design_nuisances,
+    scattering,
+)
 from pyblast.inference.records import band_functions, noise_of
 
 
@@ -16,51 +22,60 @@ def case():
     return residual_case()
 
 
-def test_the_quick_solve_equals_the_written_out_covariance(case):
-    white = whole(case, delay=2e-3, scatter=0.2)
-    covariance, size = dense(white)
-    residual = 0.1 * case[2] + coloured(np.random.default_rng(7), case[2].shape)
-    held = case[1].project(residual).reshape(size)
+def error_of(case, columns=None, scatter=0.1):
+    """Return the error of noise, scattered motion and columns, those of a design by default."""
+    noise, band, motion = case
+    if columns is None:
+        columns = design_nuisances(motion, band, (0.02 * np.roll(motion, 3, -1),), DESIGN_LEVELS)
+    spread, none = scattering(motion, band), np.zeros(motion.shape[:2])
+    blocks = RecordBlocks(noise_blocks(noise, band, len(motion)), spread, 0.0 * spread, none, none)
+    return ErrorModel(blocks, columns, Levels(scatter=(scatter**2,)))
 
-    assert white.chi_square(residual) == pytest.approx(
-        held @ np.linalg.solve(covariance, held), rel=1e-8
-    )
+
+def chi_square(case, residual, **how):
+    """Return the square of a residual in units of its error."""
+    held = case[1].project(residual)[None]
+    return error_of(case, **how).scores(0.0 * held, [Change(held)]).length[0][0, 0]
 
 
-def test_whitened_residual_has_the_length_of_chi_square(case):
-    white = whole(case)
-    residual = np.array([0.1 * case[2], np.roll(case[2], 4, -1)])
+def none_of(case):
+    """Return no columns."""
+    return Nuisances(np.zeros((0, *case[1].project(case[2]).shape)), ())
 
-    assert np.sum(white.apply(residual) ** 2, axis=(1, 2, 3, 4)) == pytest.approx(
-        white.chi_square(residual), rel=1e-10
-    )
+
+def test_a_whitened_residual_has_the_length_that_the_covariance_gives_it(case):
+    noise, band, motion = case
+    spread = 0.01 * scattering(motion, band)
+    residual = 0.1 * motion + coloured(np.random.default_rng(7), motion.shape)
+
+    white = whitener(noise, band, 2, spread).apply(residual)
+
+    total = noise_blocks(noise, band, 2)
+    for place in np.ndindex(total.shape[:2]):
+        total[place] += linalg.block_diag(*spread[place])
+    held = band.project(residual).reshape(*total.shape[:2], -1)
+    each = np.sum(held * np.linalg.solve(total, held[..., None])[..., 0], axis=-1)
+    assert np.sum(white**2, axis=(-2, -1)) == pytest.approx(each, rel=1e-8)
+    assert np.sum(each) == pytest.approx(chi_square(case, residual, columns=none_of(case)))
 
 
 def test_likelihood_does_not_depend_on_the_order_of_blasts(case):
     noise, band, motion = case
     residual = 0.1 * np.roll(motion, 2, -1)
-    both = [
-        whitener(noise, band, 2, nuisances=nuisances(m, band), scattering=scattering(m, band))
-        for m in (motion, motion[::-1])
-    ]
 
-    assert both[1].chi_square(residual[::-1]) == pytest.approx(
-        both[0].chi_square(residual), rel=1e-12
-    )
+    turned = chi_square((noise, band, motion[::-1]), residual[::-1])
+
+    assert turned == pytest.approx(chi_square(case, residual), rel=1e-10)
 
 
 def test_likelihood_does_not_depend_on_the_choice_of_functions_of_the_band(case):
     noise, band, motion = case
     turn = linalg.qr(np.random.default_rng(9).normal(size=[band.n_functions] * 2))[0]
     turned = type(band)(band.dt, band.low, band.high, band.basis @ turn)
-    both = [
-        whitener(noise, b, 2, nuisances=nuisances(motion, b), scattering=scattering(motion, b))
-        for b in (band, turned)
-    ]
 
-    assert both[1].chi_square(0.1 * motion) == pytest.approx(
-        both[0].chi_square(0.1 * motion), rel=1e-10
-    )
+    both = [chi_square((noise, each, motion), 0.1 * motion) for each in (band, turned)]
+
+    assert both[1] == pytest.approx(both[0], rel=1e-10)
 
 
 def test_likelihood_does_not_depend_on_the_direction_of_horizontal_components_of_equal_noise():
@@ -73,11 +88,12 @@ def test_likelihood_does_not_depend_on_the_direction_of_horizontal_components_of
     band = band_functions(N, DT, BAND)
     turn = np.array([[0.6, 0.8, 0.0], [-0.8, 0.6, 0.0], [0.0, 0.0, 1.0]])
     turned = np.einsum("cd,brdn->brcn", turn, motion)
-    levels = {"gain": 0.0}
+    levels = {**DESIGN_LEVELS, "gain": 0.0}
+
     both = [
-        whitener(noise, band, 2, nuisances=nuisances(m, band), levels=levels).chi_square(0.1 * m)
-        for m in (motion, turned)
-    ]
+        chi_square((noise, band, m), 0.1 * m, columns=design_nuisances(m, band, (), levels),
+                   scatter=0.0) for m in (motion, turned)
+    ]  # fmt: skip
 
     assert both[1] == pytest.approx(both[0], rel=1e-10)
 
@@ -91,18 +107,18 @@ def test_likelihood_does_not_depend_on_the_direction_of_horizontal_components_of
     ],
 )
 def test_a_small_error_of_its_kind_is_absorbed_by_its_column(case, group, change):
-    noise, band, motion = case
-    every = nuisances(motion, band)
-    kept = np.array(every.groups) == group
-    parts = type(every)(every.columns[kept], (group,) * np.count_nonzero(kept))
+    _, band, motion = case
+    level = {"delay": 2e-3}.get(group, 0.1)
+    levels = dict.fromkeys(DESIGN_LEVELS, 0.0) | {group: level}
+    parts = design_nuisances(motion, band, (), levels)
     residual = change(motion)
 
-    plain = whitener(noise, band, 2).chi_square(residual)
-    level = {"delay": 2e-3}.get(group, 0.1)
-    left = whitener(noise, band, 2, nuisances=parts, levels={group: level}).chi_square(residual)
+    plain = chi_square(case, residual, columns=none_of(case), scatter=0.0)
+    absorbed = chi_square(case, residual, columns=parts, scatter=0.0)
 
+    assert set(parts.groups) == {group}
     # one for each column that is one level long
-    assert left < 1.05 * np.count_nonzero(kept)
+    assert absorbed < 1.05 * len(parts.groups)
     assert plain > 1e3
 
 
@@ -115,8 +131,9 @@ def test_scattered_motion_is_as_strong_as_the_motion_around_it(case):
     assert strength == pytest.approx(np.sum(motion**2, axis=-1), rel=0.06)
 
 
-def test_a_level_that_is_missing_is_refused(case):
-    noise, band, motion = case
+def test_a_survey_has_a_level_for_each_of_its_errors(case):
+    _, band, motion = case
 
-    with pytest.raises(InputError, match=r"whitener\.levels: need those of .*, got .*wind"):
-        whitener(noise, band, 2, nuisances=nuisances(motion, band), levels={"wind": 1.0})
+    parts = design_nuisances(motion, band, (motion,), DESIGN_LEVELS)
+
+    assert {*parts.groups, SCATTER} == set(DESIGN_LEVELS)

@@ -4,15 +4,13 @@ import numpy as np
 import pytest
 
 from pyblast.errors import InputError
-from pyblast.inference.covariance import whitener
 from pyblast.inference.likelihood import misfit
-from pyblast.inference.records import band_functions, noise_of
 from pyblast.signals.comparison import compare
 from pyblast.signals.seismogram import Seismogram
 
 DT, N = 2e-3, 400
 TIMES = DT * np.arange(N)
-NAMES = ("paper", "waveform", "envelope", "phase", "lag", "onset")
+NAMES = ("paper", "envelope", "phase", "lag", "onset")
 
 
 def pulses(late=0.0):
@@ -27,11 +25,6 @@ def pulses(late=0.0):
 
 def made(name, recorded=None, **given):
     recorded = pulses() if recorded is None else recorded
-    if name == "waveform":
-        rng = np.random.default_rng(1)
-        noise = noise_of(1e-5 * rng.normal(size=(3, 2, 3, 125)), DT, (3.0, 30.0))
-        band = band_functions(N, DT, (3.0, 30.0), given.pop("valid", None))
-        given["whitener"] = whitener(noise, band, 2)
     return misfit(name, recorded, DT, **given)
 
 
@@ -87,34 +80,14 @@ def test_lag_and_onset_tell_how_late_a_simulation_is(name):
     assert found == pytest.approx(4 * [0.013], abs=1e-4)
 
 
-def test_waveform_misfit_is_the_mean_square_of_its_residuals():
-    one = made("waveform")
-    residuals = one.residuals(1.1 * pulses())
-
-    assert one.value(1.1 * pulses()) == pytest.approx(np.mean(residuals**2))
-
-
-def test_waveform_misfit_of_noise_is_about_one():
-    rng = np.random.default_rng(2)
-    noisy = pulses() + 1e-5 * rng.normal(size=(2, 2, 3, N))
-
-    # levels from three windows are raised by 1.2, and known to a third
-    assert made("waveform", noisy).value(pulses()) == pytest.approx(1.0, abs=0.35)
-
-
 def test_misfit_of_a_silent_simulation_is_finite():
     for name in NAMES:
         assert 0.0 < made(name).value(0.0 * pulses()) < np.inf
 
 
 def test_an_unknown_misfit_is_refused():
-    with pytest.raises(InputError, match=r"must be waveform or paper, .*got 'area'"):
+    with pytest.raises(InputError, match=r"must be one of paper, .*got 'area'"):
         made("area")
-
-
-def test_waveforms_without_a_covariance_are_refused():
-    with pytest.raises(InputError, match=r"misfit\.waveform: needs a whitener"):
-        misfit("waveform", pulses(), DT)
 
 
 def test_a_simulation_of_another_shape_is_refused():

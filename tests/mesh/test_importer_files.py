@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 from pyblast.errors import InputError, ReadError
+from pyblast.ground import surface
 from pyblast.mesh import mesh as meshes
 from pyblast.mesh.importer import read_mesh
 from pyblast.model.boundary import Fixed, Roller, Viscous
 from pyblast.model.joint import Joint
 from pyblast.model.material import Material
 from pyblast.model.model import Model
-from pyblast.project import surface
 from pyblast.project.checks import check
 from pyblast.project.project import load_project
 from pyblast.readers.provenance import ReadLog

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from pyblast import Project, simulate
+from pyblast import Project
 from pyblast.errors import InputError
 from pyblast.model.ground_fields import elastic_radius
 from pyblast.project.elastic_ground import SUFFIX, elastic_finding
@@ -44,7 +44,7 @@ def box(edge, yields, core=None, holes=1, strong=1.0, **tables):
 
 def ended(project):
     """Return the work of the sources at the end in J, and the peak at the receiver in m/s."""
-    run = simulate(project)
+    run = project.simulate()
     return run.energy["input"][-1], float(
         np.linalg.norm(run.seismograms["R"].velocity, axis=1).max()
     )

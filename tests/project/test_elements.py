@@ -9,8 +9,8 @@ from small_site import TABLES
 from pyblast.config.config import check_config
 from pyblast.errors import InputError
 from pyblast.mesh.quality import explicit_work
-from pyblast.project.elements import NODES_FOR_ONE_PER_CENT, nodes_per_wavelength
 from pyblast.project.project import make_project
+from pyblast.simulation.recipe import NODES_FOR_ONE_PER_CENT, nodes_per_wavelength
 
 TIMES = np.arange(0.0, 0.2, 1e-3)
 POSITION = [30.0, 40.0, -10.0]
@@ -46,7 +46,7 @@ def dipping(dip, towards, name="J1"):
 def test_a_box_with_a_fault_becomes_hexahedra_with_an_absorbing_layer(project):
     one = project()
 
-    assert one.ground.reason.startswith("hexahedra of order 5")
+    assert one.meshed.reason.startswith("hexahedra of order 5")
     assert one.mesh.hexahedral
     assert one.mesh.layer is not None
     assert one.model.joints[0].surface == "J1"
@@ -66,7 +66,7 @@ def test_what_stands_in_the_way_of_hexahedra_is_said(project, mesh, why):
     one = project(mesh, joints=joints)
 
     assert not one.mesh.hexahedral
-    assert why in one.ground.reason
+    assert why in one.meshed.reason
 
 
 def test_hexahedra_that_can_not_be_are_refused_in_one_sentence(project):
@@ -81,8 +81,8 @@ def test_faults_that_meet_are_cut_into_hexahedra_in_an_absorbing_layer(project):
     planes = [dipping(60, 90), dipping(60, 140, "J2")]
     one = project({"faults": planes, "edge_m": 25.0}, joints={"J1": TABLES["joints"]["J1"]})
 
-    assert one.ground.reason.startswith("hexahedra of order 3 of tetrahedra cut")
-    assert "because 'J1' and 'J2' meet in the box" in one.ground.reason
+    assert one.meshed.reason.startswith("hexahedra of order 3 of tetrahedra cut")
+    assert "because 'J1' and 'J2' meet in the box" in one.meshed.reason
     assert one.mesh.layer is not None
 
 
@@ -92,7 +92,7 @@ def test_the_order_of_least_work_is_taken_where_planes_are_close(project):
     near = project({"faults": planes}, joints={"J1": TABLES["joints"]["J1"]})
 
     assert near.mesh.order < 5
-    assert "swept along one direction" in near.ground.reason
+    assert "swept along one direction" in near.meshed.reason
     given = project({"faults": planes, "order": 5}, joints={"J1": TABLES["joints"]["J1"]})
     assert given.mesh.order == 5
     assert explicit_work(near.mesh) < explicit_work(given.mesh)
@@ -104,7 +104,7 @@ def test_edges_follow_from_the_band_where_they_are_left_out(project):
     band = project({"edge_m": None})  # the band in which records are compared
 
     assert len(fine.mesh.zones) >= len(coarse.mesh.zones)
-    assert fine.ground.reason != coarse.ground.reason
+    assert fine.meshed.reason != coarse.meshed.reason
     assert band.mesh.hexahedral
 
 
@@ -131,7 +131,7 @@ def test_soft_soil_without_attenuation_takes_tetrahedra(project):
             {"layers": layers, "faults": [], "edge_m": 10.0},
             materials={**TABLES["materials"], "soil": soil},
             joints={},
-        ).ground.reason
+        ).meshed.reason
 
     assert "an absorbing layer would feed its motion; give it qp and qs" in on_rock()
     assert on_rock(qp=40.0, qs=20.0, quality_band_hz=[2.0, 30.0]).startswith("hexahedra")

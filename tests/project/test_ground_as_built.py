@@ -50,7 +50,7 @@ def test_a_free_face_stands_where_the_file_puts_it(project, towards, side, at):
     ground = project(
         {"faults": [fault(45.0, towards, through)]},
         boundaries={"viscous": viscous, "free": ["top", side]},
-    ).ground
+    ).meshed
 
     x = ground.mesh.points[np.unique(ground.mesh.surfaces[side]), 0]
     assert np.abs(x - at).max() < 1e-6
@@ -61,7 +61,7 @@ def test_a_free_face_stands_where_the_file_puts_it(project, towards, side, at):
 def test_a_limited_fault_has_its_size_whatever_its_strike(project, length):
     asked = fault(90.0, 0.0, [62.0, 48.0, -15.0], extent_m=[length, 30.0])
     rows = {
-        row.quantity: row for row in project({"faults": [asked]}).ground.rows if row.name == "F"
+        row.quantity: row for row in project({"faults": [asked]}).meshed.rows if row.name == "F"
     }
 
     assert rows["area, m2"].built == pytest.approx(length * 30.0, rel=1e-6)
@@ -71,14 +71,14 @@ def test_a_limited_fault_has_its_size_whatever_its_strike(project, length):
 def test_ground_that_no_builder_gives_is_refused_with_both_figures(project, monkeypatch):
     closed = {"viscous": ["west", "east", "south", "north"], "free": ["top", "bottom"]}
     one = project({"kind": "tetrahedra", "edge_m": 15.0}, boundaries=closed)
-    other = project({"kind": "tetrahedra", "edge_m": 15.0}).ground.mesh
+    other = project({"kind": "tetrahedra", "edge_m": 15.0}).meshed.mesh
     other.points[:, 2] *= 1.2
-    monkeypatch.setattr("pyblast.project.elements.make_mesh", lambda *_, **__: other)
+    monkeypatch.setattr("pyblast.simulation.recipe.make_mesh", lambda *_, **__: other)
 
     with pytest.raises(
         InputError, match=r"bottom, position .*: asked -60, built -72 \(tolerance 3"
     ):
-        _ = one.ground
+        _ = one.meshed
 
 
 def test_tetrahedra_get_their_edges_from_the_frequency(project):
@@ -127,13 +127,13 @@ def test_a_survey_that_does_not_cover_the_box_is_refused(project, tmp_path, tabl
     (tmp_path / "survey.csv").write_text(table)
 
     with pytest.raises(InputError, match=covered):
-        _ = project({"surface_file": "survey.csv"}).surface
+        _ = project({"surface_file": "survey.csv"}).ground.surface
 
 
 def test_a_survey_may_end_half_a_cell_before_the_box(project, tmp_path):
     (tmp_path / "survey.csv").write_text(grid((5, 5), (115, 85)))
 
-    assert project({"surface_file": "survey.csv"}).surface.shape == (108, 3)
+    assert project({"surface_file": "survey.csv"}).ground.surface.shape == (108, 3)
 
 
 def test_a_receiver_on_a_joint_gets_the_side_whose_motion_it_takes(project):

@@ -5,11 +5,11 @@ import pytest
 from small_project import written
 
 from benchmarks.blind.flat_models import Discretization, flat_model
+from examples.case_folder import write_projects
 from pyblast.errors import InputError
+from pyblast.ground.tables import quality_of
 from pyblast.model.material import ConstantQ
-from pyblast.project.case_folder import read_case_folder
 from pyblast.project.checks import check
-from pyblast.project.flat_box import quality_of
 from pyblast.project.project import load_project
 
 SOIL = "shear_mpa = 57.7"
@@ -92,11 +92,11 @@ def test_ground_that_fades_can_be_damped_as_well(tmp_path):
     assert len(project.model.branches("rock")) == 1
 
 
-def test_a_site_with_known_quality_fades_by_it_and_by_nothing_else(cases):
-    site = read_case_folder(cases / "case-10")
+def test_a_site_with_known_quality_fades_by_it_and_by_nothing_else(cases, tmp_path):
+    site = load_project(write_projects(cases / "case-10", tmp_path))
 
     model = flat_model(site, "S1", Discretization(40.0))
 
     laws = {material.law for material in model.materials.values()}
-    assert {(law.qp, law.qs) for law in laws} == {quality_of(site)} == {(83.0, 54.0)}
+    assert {(law.qp, law.qs) for law in laws} == {quality_of(site.materials)} == {(83.0, 54.0)}
     assert model.damping is None

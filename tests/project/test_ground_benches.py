@@ -8,9 +8,11 @@ from pydantic import ValidationError
 
 from pyblast.config.ground import BenchConfig, FractureConfig, MeshConfig
 from pyblast.errors import InputError
-from pyblast.project import checks, surface
+from pyblast.ground import surface
+from pyblast.ground.surface import benches_of, survey_of
+from pyblast.project import checks
+from pyblast.project.checks_ground import ground_notes
 from pyblast.project.project import load_project
-from pyblast.project.surface import benches_of, survey_of
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "bench" / "project.toml"
 
@@ -71,7 +73,7 @@ FRACTURES = EXAMPLE.parents[1] / "fractures" / "project.toml"
 def test_fractures_of_a_project_are_cut_counted_and_end_at_the_fault():
     project = load_project(FRACTURES)
 
-    notes = surface.ground_notes(project)
+    notes = ground_notes(project)
 
     assert any(note.startswith("Fractures bedding") and "seed 1" in note for note in notes)
     assert project.config.mesh.files == [None, None, "discs.csv", None]

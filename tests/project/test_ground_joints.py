@@ -5,7 +5,7 @@ from pydantic import ValidationError
 
 from pyblast.config.ground import JointConfig
 from pyblast.errors import InputError
-from pyblast.project.ground import make_joint
+from pyblast.ground.tables import make_joint
 
 SPRINGS = {"kn_gpa_per_m": 1.0, "ks_gpa_per_m": 0.5}
 

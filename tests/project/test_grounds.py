@@ -14,10 +14,10 @@ from pyblast.mesh.gmsh import MeshingError
 from pyblast.mesh.hexahedral import swept
 from pyblast.mesh.mesh import locate_in_zones
 from pyblast.mesh.quality import explicit_work
-from pyblast.project import elements
 from pyblast.project.checks import check
 from pyblast.project.places import on_ground
 from pyblast.project.project import make_project
+from pyblast.simulation import recipe
 
 SIDES = ["west", "east", "south", "north", "bottom", "top"]
 JOINT = {"law": "elastic", "kn_gpa_per_m": 0.2, "ks_gpa_per_m": 0.1}
@@ -144,7 +144,7 @@ CUT = {
 
 @pytest.mark.parametrize("name", GROUNDS)
 def test_the_ground_is_built_as_the_file_asks(ground, name):
-    built = ground(**GROUNDS[name]).ground
+    built = ground(**GROUNDS[name]).meshed
 
     assert [str(row) for row in built.rows if not row.good] == []
     assert built.mesh.hexahedral
@@ -158,7 +158,7 @@ def test_more_receivers_leave_the_planes_of_a_set_as_they_are(ground):
     places = [(100, 100), (110, 95), (95, 105), (112, 108), (120, 110)]
     more = [{"name": f"R{n}", "position_m": [*at, 60]} for n, at in enumerate(places)]
 
-    one, other = ground(**parts).ground, ground(**parts, receivers=more).ground
+    one, other = ground(**parts).meshed, ground(**parts, receivers=more).meshed
 
     normal = np.array([np.sin(np.radians(30.0)), np.cos(np.radians(30.0)), 0.0])
     planes = [
@@ -223,7 +223,7 @@ def test_every_place_of_a_hill_has_its_height_on_cut_tetrahedra(ground):
     surface = LinearNDInterpolator(survey[:, :2], survey[:, 2])
     plan = np.random.default_rng(1).uniform((0.0, 0.0), size, (400, 2))
 
-    assert "of tetrahedra cut" in project.ground.reason
+    assert "of tetrahedra cut" in project.meshed.reason
     built = np.array([on_ground(mesh, at)[2] for at in plan])
     off = built - surface(plan)
     assert np.sqrt(np.mean(off**2)) < 0.02 * 1700 / 30
@@ -233,7 +233,7 @@ def test_every_place_of_a_hill_has_its_height_on_cut_tetrahedra(ground):
 def test_a_candidate_that_fails_makes_room_for_the_next(ground, monkeypatch):
     """Zones that lack under a receiver, an error of the mesher: no reason to refuse a ground."""
     parts = dict(faults=[fault("F", 60, 90, (90, 45, 60))], receiver=(20, 45))
-    assert "of tetrahedra cut" not in ground(**parts).ground.reason
+    assert "of tetrahedra cut" not in ground(**parts).meshed.reason
 
     def pierced(*arguments):
         mesh = swept.build_swept(*arguments)
@@ -245,9 +245,9 @@ def test_a_candidate_that_fails_makes_room_for_the_next(ground, monkeypatch):
     def failing(*_):
         raise MeshingError("gmsh could not mesh the section")
 
-    monkeypatch.setitem(elements.BUILDERS, "between the planes", failing)
-    monkeypatch.setitem(elements.BUILDERS, "swept along one direction", pierced)
-    built = ground(**parts | {"receiver": (21, 43, 8)}).ground
+    monkeypatch.setitem(recipe.BUILDERS, "between the planes", failing)
+    monkeypatch.setitem(recipe.BUILDERS, "swept along one direction", pierced)
+    built = ground(**parts | {"receiver": (21, 43, 8)}).meshed
 
     assert "of tetrahedra cut" in built.reason
     assert "gmsh could not mesh the section" in built.reason

@@ -7,7 +7,6 @@ from pyblast.back_analysis.findings import near_source_findings
 from pyblast.errors import InputError
 from pyblast.mesh.quality import explicit_work
 from pyblast.project.checks import check
-from pyblast.project.elements import for_band
 from pyblast.project.places import resolved_receivers
 from pyblast.project.project import load_project
 from pyblast.solver.run import simulate
@@ -117,7 +116,7 @@ def wide(project):
 def test_a_uniform_ground_goes_on_until_its_explosion_is_injected_and_every_receiver_counts(wide):
     records = simulate(wide.model, wide.duration).seismograms
 
-    assert "times the work for room around the sources" in wide.ground.reason
+    assert "times the work for room around the sources" in wide.meshed.reason
     assert "D38" not in {finding.code for finding in check(wide, measure=False).findings}
     assert resolved_receivers(wide, tuple(OFFSETS)) == tuple(OFFSETS)
     assert "up 25" not in resolved_receivers(wide, tuple(OFFSETS), injected=False)
@@ -149,7 +148,7 @@ def errors(project):
 
 
 def test_a_force_in_open_ground_is_injected_and_every_receiver_counts(force):
-    assert "times the work for room around the sources" in force.ground.reason
+    assert "times the work for room around the sources" in force.meshed.reason
     assert resolved_receivers(force, tuple(OFFSETS)) == tuple(OFFSETS)
     assert max(errors(force).values()) < 0.01
 
@@ -158,8 +157,8 @@ def test_edges_shorten_around_a_force_as_far_as_the_work_allows(force, project):
     text = force.path.read_text().replace("frequency_hz = 40", "frequency_hz = 40\norder = 3")
     (force.folder / "low.toml").write_text(text)  # of too low an order to inject
     low = load_project(force.folder / "low.toml")
-    assert "around the sources" in low.ground.reason
-    ratio = explicit_work(low.ground.mesh) / explicit_work(project.ground.mesh)
+    assert "around the sources" in low.meshed.reason
+    ratio = explicit_work(low.meshed.mesh) / explicit_work(project.meshed.mesh)
     assert 2.0 < ratio <= 12.0
     near = errors(low)
     for name in ("up 25", "east 40", "aside 60"):
@@ -167,10 +166,10 @@ def test_edges_shorten_around_a_force_as_far_as_the_work_allows(force, project):
 
 
 def test_one_times_the_work_and_a_diagnosis_leave_the_mesh_alone(force, project):
-    fitted = force.changed(mesh=for_band(force, 40.0))
-    alone = project.changed(mesh=for_band(project, 40.0))
+    fitted = force.changed(mesh=force.for_band(40.0))
+    alone = project.changed(mesh=project.for_band(40.0))
 
-    assert len(fitted.ground.mesh.zones) == len(alone.ground.mesh.zones)
+    assert len(fitted.meshed.mesh.zones) == len(alone.meshed.mesh.zones)
 
 
 def test_what_stands_against_an_injection_is_said(project):

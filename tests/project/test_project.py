@@ -169,8 +169,8 @@ def test_the_stress_on_a_viscous_face_is_doubled(tmp_path):
 
 def test_edges_follow_from_edges_per_wavelength():
     from pyblast.config.ground import LayerConfig, MeshConfig
+    from pyblast.ground.tables import mean_edge
     from pyblast.model.material import Material
-    from pyblast.project.ground import mean_edge
 
     soil = Material(2000.0, 125e6, 57.7e6)
     layer = LayerConfig(material="soil", edges_per_wavelength=10.0)
@@ -222,7 +222,7 @@ def test_a_broken_surface_is_refused_with_its_line(tmp_path, text, told):
     path = written(tmp_path, ("grid_cells = [6, 2, 3]", 'edge_m = 10\nsurface_file = "ground.csv"'))
 
     with pytest.raises(ReadError, match=told):
-        _ = load_project(path).surface
+        _ = load_project(path).ground.surface
 
 
 def test_joint_sets_are_cut_to_their_layers(tmp_path):

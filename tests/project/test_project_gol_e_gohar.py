@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from pyblast.blasts.published_laws import plausible_ppv
-from pyblast.project.ground import mean_edge
+from pyblast.ground.tables import mean_edge
 from pyblast.project.level import energy_finding, plausible_at, predicted_peak, source_energy
 from pyblast.project.project import Project, load_project
 from pyblast.signals.spectra import highest_frequency, lowpass

@@ -69,9 +69,9 @@ def test_hexahedra_have_a_matched_layer_instead_of_a_rim(tmp_path):
 
     assert project.absorbing_layer is None
     assert project.mesh.layer is not None
-    assert "an absorbing layer" in project.ground.reason
+    assert "an absorbing layer" in project.meshed.reason
     outcome = run.run(project, tmp_path)
-    assert project.ground.reason in (outcome.folder / "report.html").read_text(encoding="utf-8")
+    assert project.meshed.reason in (outcome.folder / "report.html").read_text(encoding="utf-8")
 
 
 def test_the_example_holds_the_band_of_its_source():

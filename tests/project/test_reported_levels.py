@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from command_line import call
 
-from pyblast import Project, simulate
+from pyblast import Project
 from pyblast.blasts.published_laws import BY_NAME
 from pyblast.project.checks import check
 from pyblast.project.level import predicted_peak
@@ -37,7 +37,7 @@ def quarry(soil=False, **hole):
 def test_a_quarry_in_rock_has_the_level_of_its_law():
     project = Project.from_dict(quarry(frequency_hz=15))
 
-    motion = simulate(project).seismograms["house"]
+    motion = project.simulate().seismograms["house"]
 
     band = band_of(project)
     predicted = predicted_peak(project, project.receivers[0].position)
@@ -128,7 +128,7 @@ def test_rock_that_yields_at_holes_takes_what_the_level_has():
         }  # fmt: skip
         tables["receivers"][0]["position_m"] = [95, 40]
         project = Project.from_dict(tables)
-        run = simulate(project)
+        run = project.simulate()
         work[yields] = run.energy["input"][-1]
         assert work[yields] < 0.02 * 450.0 * 3.8e6
         assert "D21" not in {f.code for f in check(project, measure=False).findings}

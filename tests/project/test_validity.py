@@ -120,7 +120,7 @@ def test_a_mesh_without_a_size_carries_the_blast_in_each_layer(tmp_path, changes
 
     band = band_of(project)
 
-    (sized,) = re.findall(r"sized for the (\S+) Hz of the blast", project.ground.reason)
+    (sized,) = re.findall(r"sized for the (\S+) Hz of the blast", project.meshed.reason)
     assert band.needed <= float(sized) < 1.5 * band.needed
     assert band.complete
     assert band.carried > 0.95 * float(sized)
@@ -131,7 +131,7 @@ def test_a_mesh_without_a_size_carries_the_blast_in_each_layer(tmp_path, changes
 def test_a_mesh_with_a_size_keeps_it(tmp_path):
     sized = load_project(written(tmp_path, ("grid_cells = [12, 4, 6]", "edge_m = 7"), text=INSIDE))
 
-    assert "sized for" not in sized.ground.reason
+    assert "sized for" not in sized.meshed.reason
 
 
 def test_nothing_that_says_how_fine_the_ground_shall_be_is_refused(tmp_path):

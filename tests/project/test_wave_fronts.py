@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from small_project import TEXT, written
 
-from pyblast import simulate
 from pyblast.errors import InputError
 from pyblast.model.boundary import WaveFronts
 from pyblast.project.checks import check
@@ -47,7 +46,7 @@ def test_from_far_away_it_is_the_plane_load(tmp_path):
     plane = load_project(written(tmp_path / "plane", ROCK, SOIL, far, *ONE))
 
     energy = graded_energy(project)
-    motion, same = (simulate(each).seismograms["R1"].velocity for each in (project, plane))
+    motion, same = (each.simulate().seismograms["R1"].velocity for each in (project, plane))
 
     assert energy == pytest.approx(incident_energy(plane.input.motion, face_areas(plane)), rel=0.02)
     assert np.abs(motion - same).max() < 1e-3 * np.abs(same).max()
@@ -106,7 +105,7 @@ def test_a_graded_load_that_can_not_be_is_refused(tmp_path, change, words):
 
 
 def test_all_of_it_is_finite(tmp_path):
-    run = simulate(graded(tmp_path))
+    run = graded(tmp_path).simulate()
 
     assert math.isfinite(run.seismograms["R1"].pvs)
     assert run.balance_error < 1e-6

@@ -9,8 +9,8 @@ import tifffile
 
 from pyblast.config.ground import LengthUnit, MeshConfig
 from pyblast.errors import InputError, ReadError
+from pyblast.ground.surface import benches_of, survey_of
 from pyblast.model.fractures import read_fractures
-from pyblast.project.surface import benches_of, survey_of
 from pyblast.readers.geometry import LENGTHS, read_faces, read_lines, read_surface
 from pyblast.readers.provenance import ReadLog
 

@@ -125,10 +125,12 @@ def test_a_checkpoint_with_another_number_in_it_is_refused(tmp_path):
     path = tmp_path / "checkpoint.h5"
     with pytest.raises(KeyboardInterrupt):
         simulate(tiny_model(), 0.02, progress=Stop(1), checkpoint=path)
-    with h5py.File(path, "r+") as file:
-        file["state/velocity"][0, 0] += 1e-9
+    raw = bytearray(path.read_bytes())
+    with h5py.File(path) as file:
+        raw[file["state/velocity"].id.get_chunk_info(0).byte_offset] ^= 1
+    path.write_bytes(raw)
 
-    with pytest.raises(ReadError, match=r"checkpoint\.h5: damaged, its checksum differs"):
+    with pytest.raises(ReadError, match=r"checkpoint\.h5: not a whole HDF5 file .*damaged"):
         simulate(tiny_model(), 0.02, resume=path)
 
 

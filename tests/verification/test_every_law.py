@@ -23,7 +23,8 @@ TIMES = np.arange(0.0, 0.1, 5e-4)
 TURNS = {"straight": Rotation.identity(), "turned": Rotation.random(rng=np.random.default_rng(1))}
 LAWS = [*(("zones", law) for law in core.ZONE_LAWS), *(("J", law) for law in core.JOINT_LAWS)]
 EACH = pytest.mark.parametrize(("where", "law"), LAWS, ids=["-".join(one) for one in LAWS])
-KEEP_ALL = [("zones", "elastic"), ("zones", "anisotropic"), ("J", "elastic")]
+LINEAR_KEEPS = 1e-9  # of the energy put in, that a law gives back by the rounding of a run
+KEEPS = 1e-4  # that a law without a memory gives back by the steps of a run, whose motion it bends
 
 
 def crooked(planes, turn):
@@ -85,9 +86,10 @@ def test_an_interrupted_run_goes_on_with_the_same_bits(where, law, tmp_path, mon
 @EACH
 def test_a_law_only_takes_energy_and_none_is_lost(where, law):
     result = shaken(where, law)
+    row = core.JOINT_LAWS[law] if where == "J" else core.ZONE_LAWS[law]
 
     lost = result.energy["joint_dissipated" if where == "J" else "zone_dissipated"]
     taken = lost / result.energy["input"].max()
     assert result.balance_error < 1e-10
-    assert taken.min() > -1e-9
-    assert (taken[-1] > 1e-4) == ((where, law) not in KEEP_ALL)
+    assert taken.min() > -(LINEAR_KEEPS if row.linear or row.state else KEEPS)
+    assert (taken[-1] > KEEPS) == bool(row.state)

@@ -61,7 +61,7 @@ def test_four_quarters_are_no_turn():
 )
 def test_a_ground_that_was_moved_is_judged_wrong(tmp_path, change, words):
     tables = tables_of(SEED, 1)
-    mesh = project_of(tables, tmp_path).ground.mesh
+    mesh = project_of(tables, tmp_path).meshed.mesh
     moved = replace(mesh, points=change(mesh.points), places=None)
 
     wrong = wrong_ground(tables, moved, np.random.default_rng(0))
@@ -71,7 +71,7 @@ def test_a_ground_that_was_moved_is_judged_wrong(tmp_path, change, words):
 
 def test_a_plane_that_is_missing_is_judged_wrong(tmp_path):
     tables = tables_of(SEED, 1)
-    mesh = project_of(tables, tmp_path).ground.mesh
+    mesh = project_of(tables, tmp_path).meshed.mesh
     name = tables["mesh"]["faults"][0]["name"]
     half = {**mesh.surfaces, name: mesh.surfaces[name][::2]}
 

@@ -180,7 +180,7 @@ def test_a_joint_of_any_law_starts_its_stage_at_rest_under_the_weight_above(law)
     assert np.abs(result.state["velocity"]).max() < 1e-11
 
 
-@pytest.mark.parametrize("law", [law for law in LAWS if "gap" in core.JOINT_LAWS[law].state])
+@pytest.mark.parametrize("law", [law for law in LAWS if core.JOINT_LAWS[law].opens])
 def test_a_gap_outlives_the_static_stage_under_any_law(law):
     joint = Joint("J", law, properties(law), insitu_pressure=1e6)
     model = replace(hill({"J": ("z", 50.0)}), joints=[joint], insitu=None)

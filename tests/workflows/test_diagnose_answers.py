@@ -22,6 +22,7 @@ from pyblast.diagnosis.hypotheses import LIBRARY
 from pyblast.diagnosis.search import Search, search
 from pyblast.diagnosis.thresholds import LEAST_SCORE
 from pyblast.errors import LostProcessError, contained
+from pyblast.project.project import Project
 from pyblast.workflows import diagnose as workflow
 
 CLOCK, LAYER, SENSOR = "clock_error", "soft_surface_layer", "sensor_orientation_or_polarity/turned"
@@ -39,14 +40,14 @@ def late(motion):
 
 def without_layers(patch, error):
     """Let the mesh of a project with one layer more fail."""
-    whole = Forward._mesh
+    whole = Project._mesh_ground
 
-    def mesh(forward, project, blast):
+    def mesh_ground(project):
         if len(project.config.mesh.layers) > 1:
             raise error
-        return whole(forward, project, blast)
+        return whole(project)
 
-    patch.setattr(Forward, "_mesh", mesh)
+    patch.setattr(Project, "_mesh_ground", mesh_ground)
 
 
 @pytest.fixture(scope="module")
@@ -133,7 +134,7 @@ def test_the_fault_of_the_machine_is_raised(error):
 
 def test_a_state_without_effects_that_fails_is_raised(monkeypatch):
     scene = scene_of(recorded(small_site()))
-    monkeypatch.setattr(Forward, "_mesh", lambda *_: 1 / 0)
+    monkeypatch.setattr(Forward, "_own", lambda *_: 1 / 0)
 
     with pytest.raises(ZeroDivisionError):
         scene.simulate([(np.full(4, 0.1), ())])

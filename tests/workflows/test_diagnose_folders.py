@@ -27,7 +27,7 @@ def calls(monkeypatch):
         (folder / "report.html").write_text("page")
         return summary
 
-    monkeypatch.setattr(f"{MODULE}.diagnose_folder", instead)
+    monkeypatch.setattr(f"{MODULE}.diagnose_file", instead)
     monkeypatch.setattr(f"{MODULE}._hash_of", lambda _: "input")
     monkeypatch.setattr(f"{MODULE}.code_hash", lambda _: "code")
     return made
@@ -36,11 +36,11 @@ def calls(monkeypatch):
 def test_the_same_call_goes_on_then_reads_and_a_fresh_one_makes_anew(tmp_path, calls):
     said = []
     with pytest.raises(KeyboardInterrupt, match="the same command goes on"):
-        diagnose(tmp_path)
+        diagnose(tmp_path / "S1.toml")
 
     for fresh in (False, False, True):
-        diagnose(tmp_path, fresh=fresh, say=said.append)
-    diagnose(tmp_path, seed=2, say=said.append)
+        diagnose(tmp_path / "S1.toml", fresh=fresh, say=said.append)
+    diagnose(tmp_path / "S1.toml", seed=2, say=said.append)
 
     assert calls == [("001", "runs"), ("001", "runs"), ("002", "runs"), ("003", "runs")]
     assert [text.split(":")[0].split(" in ")[0] for text in said] == [
@@ -52,11 +52,11 @@ def test_the_same_call_goes_on_then_reads_and_a_fresh_one_makes_anew(tmp_path, c
 
 def test_an_answer_whose_page_is_missing_is_not_finished(tmp_path, calls):
     with pytest.raises(KeyboardInterrupt):
-        diagnose(tmp_path)
-    diagnose(tmp_path)
+        diagnose(tmp_path / "S1.toml")
+    diagnose(tmp_path / "S1.toml")
     (tmp_path / "diagnosis" / "001" / "report.html").unlink()
 
-    diagnose(tmp_path)
+    diagnose(tmp_path / "S1.toml")
 
     assert len(calls) == 3
 

@@ -18,7 +18,7 @@ from pyblast.recordings.recording import read_recording
 from pyblast.signals.comparison import compare
 from pyblast.signals.seismogram import Seismogram
 from pyblast.workflows.back_analysis import back_analyse, find_moment_rate
-from pyblast.workflows.run import compare_all, compare_files, simulate
+from pyblast.workflows.run import compare_all, compare_files
 
 CORNER, CENTRE, ALL = 20.0, 12.0, 450.0  # Hz; the last takes nothing
 LATE = 0.336 / CORNER  # s
@@ -88,7 +88,7 @@ def unfiltered_twin(folder, recorded, corner=CORNER, noise=0.0, table=""):
     )
     low = "low_pass_hz = 20"
     whole = written(folder, *changes, (low, f"low_pass_hz = {recorded}"))
-    motion = simulate(load_project(whole)).seismograms["R1"]
+    motion = load_project(whole).simulate().seismograms["R1"]
     made = motion.sampled(-0.4, 1.0 / 512.0, int(512 * 0.9))
     shaken = noise * np.random.default_rng(3).normal(size=made.velocity.shape)
     write_csv(folder / "wall.csv", replace(made, velocity=made.velocity + shaken, low_passed=None))
@@ -101,13 +101,13 @@ def test_a_run_finds_no_delay_against_a_twin_that_was_recorded_unfiltered(tmp_pa
     path = unfiltered_twin(tmp_path, ALL)
     project = load_project(path)
 
-    beside = compare_all(project, simulate(project).seismograms)["R1"]
+    beside = compare_all(project, project.simulate().seismograms)["R1"]
 
     moving = beside.recorded_energy > 1e-6 * np.nanmax(beside.recorded_energy)
     assert np.abs(beside.lag[moving]).max() < 1e-3  # 450 Hz delays by 0.75 ms
     assert beside.waveform_misfit[moving].max() < 0.02
     assert "R1, low-passed at 20 Hz like the sources" in " ".join(check(project, False).notes)
-    whole = compare(project.recorded["R1"], simulate(project).seismograms["R1"])
+    whole = compare(project.recorded["R1"], project.simulate().seismograms["R1"])
     assert whole.total_waveform_misfit < 1e-3
 
 
@@ -156,7 +156,7 @@ def test_variants_keep_the_low_pass_that_the_mesh_asked_for(tmp_path):
     project = load_project(path)
     corner = project.inside.low_pass
     assert corner is not None
-    write_csv(tmp_path / "house.csv", simulate(project).seismograms["house"])
+    write_csv(tmp_path / "house.csv", project.simulate().seismograms["house"])
 
     target = make_target(project)
 

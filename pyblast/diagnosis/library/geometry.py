@@ -10,12 +10,12 @@ from scipy.interpolate import LinearNDInterpolator, NearestNDInterpolator
 from ...config.ground import FaultConfig
 from ...config.section import with_candidate
 from ...errors import InputError
+from ...ground.tables import is_anisotropic, joint_of_surface, make_joint, make_material
 from ...inference.parameter import Parameter
 from ...model.joint import Joint
 from ...model.material import Material
-from ...project.elements import for_band, scaled, survey_positions
-from ...project.flat_box import band_of, ground_materials, is_anisotropic
-from ...project.ground import joint_of_surface, make_joint, make_material
+from ...project.places import survey_positions
+from ...simulation.recipe import scaled
 from ..hypotheses import hypothesis, remeshable
 
 UPRIGHT = 90.0  # deg
@@ -35,7 +35,7 @@ BEYOND = 2.0  # box diagonals that a slope covers on either side
 def _as_meshed(project, changed):
     """Return a changed project, or None where its mesh needs another kind of zones."""
     try:
-        alike = not project.ground.mesh.hexahedral or changed.ground.mesh.hexahedral
+        alike = not project.meshed.mesh.hexahedral or changed.meshed.mesh.hexahedral
     except InputError:
         return None
     return changed if alike else None
@@ -48,7 +48,7 @@ def _direction(degrees):
 
 def _highest(project):
     """Return the highest frequency in Hz that is compared."""
-    band = band_of(project.config)
+    band = project.config.band_hz
     assert band is not None  # a case has one
     return band[1]
 
@@ -99,7 +99,7 @@ def _on_top(places, dip, direction, project):
 def _candidates(case, orientations):
     """Name candidate planes of orientations, between holes and receivers, away from listed ones."""
     project, names = case.project, []
-    fastest = max(project.materials[name].cs for name in ground_materials(project))
+    fastest = max(project.materials[name].cs for name in project.ground_materials)
     spacing = fastest / (EDGES * case.band.high)
     holes = np.concatenate([blast.centres for blast in project.blasts.values()])
     receivers = np.array([r.position for r in project.receivers if r.name in case.receivers])
@@ -213,7 +213,7 @@ def _fault(project, target, offset, turn=0.0, steeper=0.0):
 
 def _apart(project, fault):
     """Tell whether a plane keeps its distance from listed parallel ones."""
-    fastest = max(project.materials[name].cs for name in ground_materials(project))
+    fastest = max(project.materials[name].cs for name in project.ground_materials)
     least = NEAREST * fastest / (EDGES * _highest(project))
     dip, direction = _orientation(fault)
     along = _direction(direction)
@@ -246,7 +246,7 @@ def _cut(project, target, fault, joints):
     family = _with_listed(project)
     across = _listed(project) and all(_angle(named, each) > ALIKE for each in family)
     cut = mesh.model_copy(update={"faults": [*mesh.faults, fault]})
-    if not (across and project.ground.mesh.hexahedral):
+    if not (across and project.meshed.mesh.hexahedral):
         return _as_meshed(project, project.changed(mesh=cut, joints=joints))
     return project.changed(mesh=scaled(cut, COARSER, kind="tetrahedra"), joints=joints)
 
@@ -477,7 +477,7 @@ def partial_joint(project, target, depth):
 
 def sampled_top(case) -> str:
     """Require a top that is flat or surveyed by places, on which a slope can be added."""
-    surface = case.project.surface
+    surface = case.project.ground.surface
     if surface is not None and surface.ndim == 3:
         return (
             "the ground is given as triangles or benches: give another one in "
@@ -525,7 +525,7 @@ def directions(case) -> tuple[str, ...]:
 )
 def slope(project, target, height, position, width, turn):
     """A bench or slope is left out: the ground beyond it, in this direction, is higher or lower."""
-    survey = project.surface
+    survey = project.ground.surface
     along = _direction(45.0 * COMPASS.index(target) + math.degrees(turn))
     across = np.array([-along[1], along[0]])
     reach = BEYOND * math.hypot(*project.config.mesh.size_m[:2])
@@ -554,7 +554,7 @@ def isotropic_materials(case) -> tuple[str, ...]:
     """Name the materials of the ground whose two speeds may change."""
     project = case.project
     isotropic = not is_anisotropic(project.materials)
-    return tuple(ground_materials(project)) if isotropic else ()
+    return tuple(project.ground_materials) if isotropic else ()
 
 
 @hypothesis(
@@ -623,4 +623,4 @@ def candidate(project, target):
         materials=materials, joints=joints, mesh=config.mesh, ground=config.ground,
         boundaries=config.boundaries,
     )  # fmt: skip
-    return changed.changed(mesh=for_band(changed, _highest(project)))
+    return changed.changed(mesh=changed.for_band(_highest(project)))

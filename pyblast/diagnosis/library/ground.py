@@ -7,23 +7,18 @@ from itertools import pairwise
 import numpy as np
 
 from ...config.ground import FaultConfig
+from ...config.section import value_at
 from ...errors import InputError
+from ...ground.tables import is_anisotropic, quality_of
 from ...inference.parameter import Parameter
 from ...model.anisotropy import anisotropic, jointed, stiffness_of
 from ...model.joint import Joint
-from ...model.material import Material
-from ...project.flat_box import (
-    band_of,
-    constant_q,
-    flat_box,
-    ground_materials,
-    is_anisotropic,
-    quality_of,
-)
+from ...model.material import ConstantQ, Material
+from ...project.places import extent_of
+from ...project.project import Project
 from ..calibration import scaled
 from ..hypotheses import (
     elastic_materials,
-    flat_layers,
     ground_without_loss,
     hypothesis,
     receivers_with_space,
@@ -94,9 +89,9 @@ def _quality(*starts):
 
 def _with_loss(project, q, materials):
     """Return a project with constant Q in materials by name, on the zones that it has."""
-    if quality_of(project) is not None or is_anisotropic(project.materials):
+    if quality_of(project.materials) is not None or is_anisotropic(project.materials):
         return None
-    law = constant_q(1.3 * q, q, band_of(project.config))
+    law = ConstantQ.around(1.3 * q, q, project.config.band_hz)
     rocks = {name: rock for name, rock in materials.items() if rock.law.name == "elastic"}
     lossy = {name: replace(rock, law=law) for name, rock in rocks.items()}
     mesh = project.config.mesh
@@ -114,7 +109,7 @@ def attenuation_q(project, target, q):
 
 def one_of_materials(case) -> tuple[str, ...]:
     """Name the materials of ground of more than one."""
-    names = tuple(ground_materials(case.project))
+    names = tuple(case.project.ground_materials)
     return names if len(names) > 1 else ()
 
 
@@ -171,9 +166,102 @@ def _as_stiff(project, target, azimuth, normal, shear):
 def anisotropy(project, target, azimuth, normal, shear):
     """Upright fissures slow waves across them, at an azimuth from north, more than along them."""
     del target
-    if quality_of(project) is not None or is_anisotropic(project.materials):
+    if quality_of(project.materials) is not None or is_anisotropic(project.materials):
         return None
     return _with_fabric(project, Fabric(0.5 * np.pi - azimuth, normal, shear))
+
+
+# Keys without which ground is a flat box with holes inside, with the reason.
+NOT_FLAT = {
+    "mesh.file": "is an imported mesh",
+    "mesh.surface_file": "is a surveyed surface",
+    "mesh.benches": "are benches",
+    "mesh.fractures": "are fractures of limited extent",
+    "mesh.joint_sets": "are joints at any angle",
+    "signature": "enters through a face",
+    "point_forces": "is no hole",
+    "moment_tensors": "is no hole",
+    "pressures": "is no hole",
+    "air_blast": "is no hole",
+    "holes_inside.detonation_m_per_s": "makes columns of holes",
+    "blast.scatter_ms": "draws firing times",
+    "ground.gradient": "changes speeds within layers",
+    "ground.damaged_zone": "changes speeds within layers",
+    "ground.heterogeneity": "changes speeds within layers",
+    "damping": "is damping of one frequency",
+    "insitu": "needs a static stage",
+    "run.local_damping": "damps all motion",
+}
+NOT_OF_MATERIALS = {
+    "damping": "is damping of one frequency",
+    "yielding": "makes ground that yields",
+    "hoek_brown": "makes ground that yields",
+    "ubiquitous": "makes ground that slips",
+    "transverse": "makes ground stiffer in some directions",
+    "joints": "makes ground stiffer in some directions",
+}
+
+
+def not_flat(project: Project) -> str:
+    """Return why the ground of a project is not a flat box with holes inside; empty if it is.
+
+    A flat box has flat layers of different isotropic elastic materials, with or without quality
+    factors, elastic joints on vertical planes along x or y, holes as points inside, and viscous
+    sides and bottom.
+    """
+    return next(filter(None, (_not_flat(o.config) for o in (project, *project.further))), "")
+
+
+def _not_flat(config):
+    """Return why the ground of one project is not that of a flat box with holes inside."""
+    for key, what in NOT_FLAT.items():
+        if value_at(config, key):
+            return f"{key} {what}"
+    if config.holes_inside is None:
+        return "holes_inside is missing"
+    for side in ("west", "east", "south", "north", "bottom"):
+        if side not in config.boundaries.viscous:
+            return f"boundaries.viscous lacks {side!r}"
+    for name, material in config.materials.items():
+        for key, what in NOT_OF_MATERIALS.items():
+            if getattr(material, key):
+                return f"materials.{name}.{key} {what}"
+    names = [layer.material for layer in config.mesh.layers]
+    for name in names:
+        if names.count(name) > 1:
+            return f"mesh.layers has {name!r} twice"
+    for fault in config.mesh.faults:
+        if fault.dip_deg != 90.0 or fault.dip_direction_deg % 180.0 not in (0.0, 90.0):
+            return (
+                f"mesh.faults.{fault.name} has dip_deg {fault.dip_deg:g}, dip_direction_deg "
+                f"{fault.dip_direction_deg:g}"
+            )
+        if fault.radius_m is not None:
+            return f"mesh.faults.{fault.name} is a disc"
+        entry = config.joints.get(fault.joint or fault.name)
+        if entry is not None and entry.law != "elastic":
+            return f"joints.{fault.joint or fault.name}.law is {entry.law!r}"
+    return ""
+
+
+def flat_layers(case):
+    """Require a flat box with holes inside, which is meshed again with each change."""
+    why = not_flat(case.project)
+    if not why:
+        return ""
+    return (
+        f"{why}: it is simulated only in flat layers with vertical elastic joints along x or y and "
+        "holes inside"
+    )
+
+
+def _uprights(project, axis):
+    """Return the positions in m of the faults across an axis of a flat box, by name."""
+    return {
+        fault.name: float(fault.through_m["xy".index(axis)])
+        for fault in project.config.mesh.faults
+        if fault.dip_direction_deg % 180.0 == (90.0 if axis == "x" else 0.0)
+    }
 
 
 EDGES = 3.0  # candidate planes per shortest S wavelength in the fastest layer
@@ -187,13 +275,12 @@ def planes(case):
     gap of half a spacing or more has one in its middle.
     """
     project, candidates = case.project, []
-    ground = flat_box(project)
-    fastest = max(project.materials[name].cs for name, _ in ground.layers)
+    fastest = max(project.materials[name].cs for name in project.ground_materials)
     spacing = fastest / (EDGES * case.band.high)
     for axis, along in (("x", 0), ("y", 1)):
         holes = np.concatenate([b.centres[:, along] for b in project.blasts.values()])
         receivers = [r.position[along] for r in project.receivers if r.name in case.receivers]
-        joints = [plane.position for plane in ground.planes if plane.axis == axis]
+        joints = _uprights(project, axis).values()
         low, high = min(*receivers, *holes), max(*receivers, *holes)
         stops = [low, *sorted(p for p in (*holes, *joints) if low < p < high), high]
         for before, after in pairwise(stops):
@@ -219,10 +306,10 @@ def plane_at(target, offset, **_):
 def _plane(project, target, offset):
     """Return axis and position of a plane; None outside the box or too near a listed joint."""
     axis, position = target[0], float(target[2:]) + offset
-    ground = flat_box(project)
-    low, high = ground.box["xy".index(axis)]
-    joints = [plane.position for plane in ground.planes if plane.jointed and plane.axis == axis]
-    near = any(abs(position - other) < NEAREST for other in joints)
+    low, high = extent_of(project)["xy".index(axis)]
+    jointed = {joint.surface for joint in project.joints}
+    planes = _uprights(project, axis).items()
+    near = any(abs(position - other) < NEAREST for name, other in planes if name in jointed)
     return (axis, position) if low < position < high and not near else None
 
 

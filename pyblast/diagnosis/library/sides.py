@@ -7,7 +7,6 @@ import numpy as np
 from ...config.ground import BoundariesConfig, FaultConfig
 from ...inference.parameter import Parameter
 from ...model.joint import Joint
-from ...project.flat_box import band_of
 from ...project.project import Project
 from ..hypotheses import hypothesis, remeshable
 
@@ -113,7 +112,7 @@ def _springs(project, material, stiffness, ratio):
 
     Z is the P impedance of the ground, f the middle of the band; there a joint in it passes 0.71.
     """
-    band, rock = band_of(project.config), project.materials[material]
+    band, rock = project.config.band_hz, project.materials[material]
     assert band is not None  # a case has one
     kn = stiffness * math.pi * math.sqrt(band[0] * band[1]) * rock.density * rock.cp
     return {"kn": kn, "ks": kn / ratio}
@@ -152,7 +151,7 @@ def with_joint(project: Project, side: str, stiffness: float, ratio: float) -> P
 
 def _wider(project, axis, sign):
     """Return the `MeshConfig` of a box that goes on beyond a side."""
-    mesh, band = project.config.mesh, band_of(project.config)
+    mesh, band = project.config.mesh, project.config.band_hz
     assert band is not None  # a case has one
     used = [project.materials[layer.material].cs for layer in mesh.layers]
     width = BEYOND * max(used) / band[0]

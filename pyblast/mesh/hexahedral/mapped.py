@@ -206,7 +206,7 @@ class Surface:
 
 
 def side_names(frame: np.ndarray) -> list[list[str]]:
-    """Return the sides at the lower and the upper end of axes (3, 3): those that face most alike."""
+    """Return the sides at the lower and upper ends of axes (3, 3): those that face most alike."""
     alike = np.round(np.abs(frame), 9)
     axes = max(permutations(range(3)), key=lambda order: alike[range(3), order].sum())
     names = []

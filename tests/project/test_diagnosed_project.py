@@ -7,23 +7,25 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from case_folder import write_folder
 from obspy import UTCDateTime
 from small_site import BAND, BEFORE, DT, SAMPLES, recorded, small_site
 
-import pyblast.diagnosis.library  # noqa: F401  fills the library
+from benchmarks.blind.case_files import write_case
+from benchmarks.blind.flat_models import flat_box
+from benchmarks.blind.sites import Site, SiteJoint
 from pyblast.diagnosis.calibration import calibrated_parameters, with_values
 from pyblast.diagnosis.case import case_of
 from pyblast.diagnosis.forward import Forward
 from pyblast.diagnosis.hypotheses import LIBRARY, untestable_labels
+from pyblast.diagnosis.library.ground import not_flat
 from pyblast.errors import InputError
-from pyblast.project.flat_box import flat_box, not_flat, quality_of
+from pyblast.ground.tables import quality_of
 from pyblast.project.project import load_project, with_further
 from pyblast.recordings.recording import read_stations
 from pyblast.runs.parallel import input_hash
 from pyblast.workflows.diagnose import (
     check_further,
-    diagnose_folder,
+    diagnose_file,
     predict_file,
     read_case,
 )
@@ -161,7 +163,7 @@ def test_a_project_file_holds_what_the_small_site_holds(tmp_path):
     for one, other in zip(found.receivers, site.receivers, strict=True):
         assert one.name == other.name
         assert tuple(one.position) == pytest.approx(np.add(other.position, up[:, 0]))
-    assert (quality_of(found), found.config.blast.charge_exponent) == (None, 0.9)
+    assert (quality_of(found.materials), found.config.blast.charge_exponent) == (None, 0.9)
     assert tuple(found.config.run.compare_band_hz) == BAND
     assert list(found.blasts) == ["S1", "B1"]
     raised = site.blasts["B1"].centres + up[:, 0]
@@ -280,7 +282,7 @@ def test_quality_factors_of_all_layers_are_those_of_the_site(tmp_path):
     project = case_of(read_case(path)).project
     law = project.of("S1").model.materials["rock"].law
 
-    assert quality_of(project) == (law.qp, law.qs) == (40.0, 30.0)
+    assert quality_of(project.materials) == (law.qp, law.qs) == (40.0, 30.0)
 
 
 @pytest.mark.parametrize(
@@ -316,26 +318,46 @@ def test_a_project_is_read_where_a_diagnosis_begins(tmp_path, monkeypatch):
 
     monkeypatch.setattr("pyblast.workflows.diagnose.diagnose", made)
     with pytest.raises(InputError, match="stop"):
-        diagnose_folder(path, tmp_path / "out")
+        diagnose_file(path, tmp_path / "out")
     assert calls == ["small"]
 
 
-def test_a_project_and_its_case_folder_foretell_the_same_of_a_further_blast(tmp_path, monkeypatch):
+def write_site(folder, project):
+    """Write a flat project as the blind benchmark does its sites; return the first file."""
+    ground = flat_box(project)
+    joints = {joint.surface: joint for joint in project.joints}
+    site = Site(
+        box=ground.box,
+        layers=tuple((name, t, project.materials[name]) for name, t in ground.layers),
+        joints=tuple(SiteJoint(joints[p.name], p.axis, p.position) for p in ground.planes),
+        receivers=project.receivers, moment_rate=project.inside.moment_rate,
+        exponent=project.config.blast.charge_exponent, blasts=project.blasts,
+        band=BAND, noise_window=(-BEFORE * DT, 0.0),
+    )  # fmt: skip
+    records = {
+        one.name: np.stack([one.records[r.name].seismogram.velocity.T for r in site.receivers])
+        for one in (project, *project.further)
+    }
+    write_case(folder, "small", site, records, BEFORE * DT)
+    return folder / "S1.toml"
+
+
+def test_projects_with_the_ground_at_other_heights_foretell_the_same(tmp_path, monkeypatch):
     monkeypatch.setattr("pyblast.diagnosis.forward.is_single", lambda _: False)
-    site = whole()
-    project = written(tmp_path, site, ("extent_m = [50, 30]", ""))
-    zeros = dict.fromkeys(site.blasts, "2024-05-01T12:00:00")
-    write_folder(tmp_path / "case", site, zeros)
+    mesh = "edge_m = 10\npadding_m = 30\npadding_edge_m = 20"
+    same = "edges_per_wavelength = 10\nfrequency_hz = 25\npadding_m = 80\npadding_edge_m = 19.2"
+    project = written(tmp_path, whole(), ("extent_m = [50, 30]", ""), (mesh, same))
+    site = write_site(tmp_path / "site", whole())
     lines = (tmp_path / "B1_holes.csv").read_text().splitlines()
     rows = [line.split(",") for line in lines[1:]]
     raised = [",".join([i, x, y, f"{float(z) + TOP:.12g}", *rest]) for i, x, y, z, *rest in rows]
     (tmp_path / "raised.csv").write_text("\n".join([lines[0], *raised]))
     known = {"model": {"values": [0.1, -0.1, 0.2, 0.0], "effects": []}}
     found = []
-    for folder, holes in ((tmp_path / "case", "B1_holes.csv"), (project, "raised.csv")):
-        check_further(folder, tmp_path / holes)
+    for file, holes in ((site, "B1_holes.csv"), (project, "raised.csv")):
+        check_further(file, tmp_path / holes)
         out = tmp_path / f"{holes}.mseed"
-        predict_file(folder, tmp_path / "out", known, tmp_path / holes, out)
+        predict_file(file, tmp_path / "out", known, tmp_path / holes, out)
         found.append(read_stations(out))
 
     for name, one in found[0].items():
@@ -349,24 +371,11 @@ def test_a_project_and_its_case_folder_foretell_the_same_of_a_further_blast(tmp_
     assert UTCDateTime(found[1]["R1"].time).timestamp == pytest.approx(-BEFORE * DT, abs=1e-6)
 
 
-def test_a_further_blast_begins_as_the_record_of_the_last_one_that_was_fired(tmp_path):
-    zeros = {"B1": "2024-05-01T12:00:00", "S1": "2024-05-02T12:00:00"}
-    write_folder(tmp_path / "case", whole(), zeros)
-    known = {"model": {"values": [0.0] * 4, "effects": []}}
-    out = tmp_path / "B1.mseed"
-
-    predict_file(tmp_path / "case", tmp_path / "out", known, tmp_path / "case/B1_holes.csv", out)
-
-    began = UTCDateTime(read_stations(out)["R1"].time) - UTCDateTime(zeros["S1"])
-    assert began == pytest.approx(-BEFORE * DT, abs=1e-6)
-
-
 @pytest.mark.parametrize(("threads", "again"), [("1", False), ("2", False), (None, True)])
 def test_a_finished_diagnosis_is_read_whatever_the_number_of_threads(
     tmp_path, monkeypatch, threads, again
 ):
-    case, out = tmp_path / "case", tmp_path / "case" / "out"
-    write_folder(case, whole(), dict.fromkeys(("S1", "B1"), "2024-05-01"))
+    file, out = written(tmp_path, whole()), tmp_path / "out"
     monkeypatch.setenv("OMP_NUM_THREADS", "1")
     monkeypatch.setattr("pyblast.workflows.diagnose.diagnose", lambda *_, **__: SimpleNamespace(
         summary={"budget": 400, "seed": 1}
@@ -375,17 +384,18 @@ def test_a_finished_diagnosis_is_read_whatever_the_number_of_threads(
         "pyblast.workflows.diagnose.write_diagnosis_report",
         lambda path, *_: path.write_text("page"),
     )
-    diagnose_folder(case, out)
+    diagnose_file(file, out)
     monkeypatch.delattr("pyblast.workflows.diagnose.diagnose")
-    (case / "pred.mseed").write_text("what a forecast left beside what is read")
+    (tmp_path / "pred.mseed").write_text("what a forecast left beside what is read")
     if threads:
         monkeypatch.setenv("OMP_NUM_THREADS", threads)
     if again:
-        (case / "S1_holes.csv").write_text((case / "S1_holes.csv").read_text() + "\n")
+        holes = tmp_path / "S1_holes.csv"
+        holes.write_text(holes.read_text() + "\n")
         with pytest.raises(NameError, match="diagnose"):
-            diagnose_folder(case, out)
+            diagnose_file(file, out)
     else:
-        assert diagnose_folder(case, out)["budget"] == 400
+        assert diagnose_file(file, out)["budget"] == 400
 
 
 def test_a_forecast_never_takes_the_place_of_what_a_project_reads(tmp_path):
@@ -394,9 +404,57 @@ def test_a_forecast_never_takes_the_place_of_what_a_project_reads(tmp_path):
     holes.write_text("id,x,y,z,charge_kg,delay_s\n1,30,30,45,10,0\n")
 
     check_further(path, holes, [tmp_path / "out.mseed"])
-    for name in ("B1_R2.csv", "S1.toml", "source.csv", "further.csv"):
+    for name in ("B1_R2.csv", "S1.toml", "source.csv", "further.csv", "x/../B1.toml"):
         with pytest.raises(InputError, match="is read or written by the diagnosis"):
             check_further(path, holes, [tmp_path / name])
+    with pytest.raises(InputError, match="is read or written by the diagnosis"):
+        check_further(path, holes, [tmp_path / "out.mseed"] * 2)
+    with pytest.raises(InputError, match="must be a file in an existing folder"):
+        check_further(path, holes, [tmp_path / "no" / "out.mseed"])
+
+
+def test_a_forecast_may_lie_beside_a_diagnosis_and_never_takes_its_place(tmp_path):
+    path, out = written(tmp_path, believed()), tmp_path / "out"
+    holes = tmp_path / "further.csv"
+    holes.write_text("id,x,y,z,charge_kg,delay_s\n1,30,30,45,10,0\n")
+
+    check_further(path, holes, [out / "pred.mseed"], out)
+    assert not out.exists()
+    for name in ("diagnosis.json", "report.html"):
+        with pytest.raises(InputError, match="is read or written by the diagnosis"):
+            check_further(path, holes, [out / name], out)
+    with pytest.raises(InputError, match="must be a file in an existing folder, or in --out"):
+        check_further(path, holes, [out / "inner" / "pred.mseed"], out)
+
+
+@pytest.mark.parametrize(
+    ("cells", "told"),
+    [
+        ("30,30,40,nan,0", "hole 1: its charge is missing"),
+        ("30,30,40,0,0", "no hole has a charge"),
+        ("300,30,40,5,0", "hole 1: lies outside of the box"),
+        ("30,30,40,5,9", "hole 1: fires at 9 s, but the prediction ends"),
+    ],
+)
+def test_holes_that_foretell_nothing_are_refused(tmp_path, cells, told):
+    path = written(tmp_path, believed())
+    holes = tmp_path / "further.csv"
+    holes.write_text(f"id,x,y,z,charge_kg,delay_s\n1,{cells}\n")
+
+    with pytest.raises(InputError, match=told):
+        check_further(path, holes)
+
+
+def test_one_record_that_ends_early_does_not_cut_the_others():
+    site = whole()
+    known = {one.name: one.records for one in (site, *site.further)}
+    one = known["B1"]["R1"]
+    seismogram = replace(one.seismogram, velocity=one.seismogram.velocity[:70])
+    short = replace(one, seismogram=seismogram, clipped=np.zeros((70, 3), dtype=bool))
+    records = {**known, "B1": {**known["B1"], "R1": short}}
+
+    with pytest.raises(InputError, match=r"B1: the record of R1 ends 0\.0\d+ s after"):
+        case_of(site.changed(records=records))
 
 
 def test_a_further_blast_that_can_not_be_foretold_is_refused_before_any_run(tmp_path):

@@ -219,6 +219,17 @@ def make_materials(config) -> dict[str, Material]:
     return materials
 
 
+def is_anisotropic(materials: dict[str, Material]) -> bool:
+    """Return whether a material is anisotropic."""
+    return any(material.law.name == "anisotropic" for material in materials.values())
+
+
+def quality_of(materials: dict[str, Material]) -> tuple[float, float] | None:
+    """Return the first pair Qp, Qs of materials, None where none has one."""
+    laws = [material.law for material in materials.values()]
+    return next(((law.qp, law.qs) for law in laws if isinstance(law, ConstantQ)), None)
+
+
 def make_joints(config) -> tuple:
     """Return the `Joint` of each joint surface of a `Config`.
 
@@ -465,19 +476,18 @@ def _jointed_rock(config, layers, surface, fractures, relief):
         )  # fmt: skip
 
 
-def make_geometry(config, surface=None) -> Geometry:
-    """Return the geometry of the ground that a `Config` asks for.
+def make_geometry(mesh, viscous, surface=None) -> Geometry:
+    """Return the geometry of the ground that a `MeshConfig` asks for.
 
     Parameters
     ----------
-    config : Config
+    mesh : MeshConfig
+    viscous : set of str
+        Sides through which waves leave.
     surface : (n, 3) or (n, 3, 3) float64, m, optional
         Surveyed top surface.
     """
-    mesh = config.mesh
     low = np.array(mesh.origin_m, dtype=float)
-    enters = config.signature is not None  # through a side, whose waves would leave the layer
-    viscous = set() if enters else set(config.boundaries.viscous)
     sets, faults = joints_and_faults(mesh)
     with named_error("mesh"):
         return Geometry(

@@ -1,13 +1,18 @@
-"""Choice of the elements of a project: spectral hexahedra where the ground allows it."""
+"""Recipe of a mesh: its elements and edges; spectral hexahedra where the ground allows it."""
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import chain, pairwise
 
 import numpy as np
 
+from ..config.ground import MeshConfig
 from ..errors import InputError, named_error
+from ..ground.ground import Ground
+from ..ground.surface import make_fractures
+from ..ground.tables import make_mesh, mean_edge
 from ..mesh.as_built import OF_WAVE, Row, as_built
 from ..mesh.builder import TOLERANCE_SHARE
 from ..mesh.gmsh import MeshingError
@@ -17,13 +22,9 @@ from ..mesh.hexahedral.mapped import Builder, Fine, NotMapped
 from ..mesh.mesh import Mesh, zone_edge_lengths
 from ..mesh.quality import explicit_work
 from ..model.material import ConstantQ
-from ..readers.provenance import ReadLog
+from ..model.model import Model
 from ..solver.injection import LOWEST_ORDER, injected_sources
 from ..solver.moment_density import edges_near
-from .ground import make_geometry, make_mesh, mean_edge
-from .inputs import blast_frequency
-from .places import hole_positions
-from .surface import make_fractures
 
 ORDER = 5  # in a plain grid
 ORDERS = (3, 4)  # tried first elsewhere; a node and step costs about the same in all
@@ -56,8 +57,8 @@ TETRAHEDRA = {True: 3.0, False: 10.0}  # edges per wavelength of quadratic and o
 
 
 @dataclass(frozen=True, eq=False)
-class Ground:
-    """Mesh of a project, not split, and why it has these elements.
+class Meshed:
+    """Mesh of a ground, not split, and why it has these elements.
 
     Parameters
     ----------
@@ -73,10 +74,26 @@ class Ground:
     rows: tuple[Row, ...] = ()
 
 
-def elements_of(project) -> str:
-    """Return the kind of zones of a project, and why."""
-    given = "mesh" in project.given and "ground" not in project.given
-    return "those of the mesh given" if given else project.ground.reason
+@dataclass(frozen=True, eq=False)
+class Stations:
+    """Stations: what of sources and receivers decides how a ground is cut.
+
+    Parameters
+    ----------
+    positions : dict of str to (2 or 3,) float, m
+        Of sources and receivers of all blasts, by name.
+    reach : float, m
+        Longest path between them.
+    explosive : bool
+        Whether some source has a moment.
+    near : bool
+        Whether receivers may stand near to sources inside.
+    """
+
+    positions: dict[str, tuple[float, ...]]
+    reach: float
+    explosive: bool = False
+    near: bool = False
 
 
 def convergence(order: int) -> float:
@@ -96,39 +113,50 @@ def nodes_per_wavelength(order: int, accuracy: float, waves: float) -> float:
     return NODES_FOR_ONE_PER_CENT[order] * factor ** (1.0 / convergence(order))
 
 
-def make_ground(project) -> Ground:
-    """Build or read the mesh of a project of the elements that it asks for.
+def mesh_ground(
+    ground: Ground,
+    stations: Stations,
+    top: Callable[[], float | None],
+    model_on: Callable[[Mesh], Model],
+) -> Meshed:
+    """Build or read the mesh of a ground of the elements that it asks for.
 
     Parameters
     ----------
-    project : Project
+    ground : Ground
+    stations : Stations
+    top : callable
+        ``() -> frequency``: what the blast asks a mesh to carry, in Hz, where no key says it.
+    model_on : callable
+        ``(mesh, not split) -> model``: what is placed in a mesh, to see which receivers stand too
+        near to sources there.
 
     Raises
     ------
     InputError
-        If the project asks for hexahedra and they don't serve its ground.
+        If the ground asks for hexahedra and they don't serve it.
     """
-    sized = sized_by_blast(project)
-    ground = _ground(sized)
-    if sized is project:
-        return ground
-    words = f"; sized for the {_frequency(sized.config):.3g} Hz of the blast"
-    return replace(ground, reason=ground.reason + words)
+    sized = sized_by_blast(ground, top)
+    meshed = _meshed(sized, stations, model_on)
+    if sized is ground:
+        return meshed
+    words = f"; sized for the {sized.frequency:.3g} Hz of the blast"
+    return replace(meshed, reason=meshed.reason + words)
 
 
-def _ground(project):
-    """Build the mesh of a project whose edges are known."""
-    config, materials = project.config, project.materials
-    kind = config.mesh.kind
-    if config.mesh.file is not None:
-        mesh = make_mesh(config.mesh, materials, project.folder, log=project.log)
-        return Ground(mesh, "tetrahedra: the mesh is read from a file", as_built(mesh, None))
-    asked, wave = make_geometry(config, project.surface), shortest_wave(config, materials)
-    obstacle = None if kind == "tetrahedra" else _obstacle(config, materials)
+def _meshed(ground, stations, model_on):
+    """Build the mesh of a ground whose edges are known."""
+    kind = ground.mesh.kind
+    if ground.mesh.file is not None:
+        mesh = make_mesh(ground.mesh, ground.materials, ground.folder, log=ground.log)
+        return Meshed(mesh, "tetrahedra: the mesh is read from a file", as_built(mesh, None))
+    asked, wave = ground.geometry, shortest_wave(ground)
+    obstacle = None if kind == "tetrahedra" else _obstacle(ground)
     if kind != "tetrahedra" and obstacle is None:
         try:
-            ground = _hexahedra(project, asked, wave)
-            return _resolving(project, ground, asked, wave)
+            build = partial(_hexahedra, ground, stations, wave=wave)
+            meshed = build(asked)
+            return _resolving(ground, stations, meshed, asked, model_on, build)
         except NotMapped as reason:
             obstacle = str(reason)
     if kind == "hexahedra":
@@ -137,37 +165,34 @@ def _ground(project):
             "'tetrahedra'"
         )
     reason = "tetrahedra, as mesh.kind asks for" if obstacle is None else f"tetrahedra: {obstacle}"
-    return _tetrahedra(project, asked, wave, reason)
+    return _tetrahedra(ground, stations, asked, wave, reason)
 
 
-def sized_by_blast(project):
-    """Return a project whose mesh carries the blast, layer by layer, if no key says how fine."""
-    mesh = project.config.mesh
+def sized_by_blast(ground: Ground, top: Callable[[], float | None]) -> Ground:
+    """Return a ground whose mesh carries the blast, layer by layer, if no key says how fine."""
+    mesh = ground.mesh
     parts = [mesh, *mesh.layers]
-    sized = [mesh.file, mesh.grid_cells, _frequency(project.config)]
+    sized = [mesh.file, mesh.grid_cells, ground.frequency]
     sized += [part.edge_m for part in parts] + [part.edges_per_wavelength for part in parts]
     if any(size is not None for size in sized):
-        return project
-    top = blast_frequency(project)
-    if top is None:
+        return ground
+    highest = top()
+    if highest is None:
         raise InputError(
             "mesh.edge_m: missing, and no blast says how fine the ground shall be; give edge_m, "
             "frequency_hz or grid_cells"
         )
-    sized = mesh.model_copy(update={"frequency_hz": top})
-    config = project.config.model_copy(update={"mesh": sized})
+    carrying = replace(ground, mesh=mesh.model_copy(update={"frequency_hz": highest}))
     obstacle = None if mesh.kind != "tetrahedra" else "mesh.kind asks for tetrahedra"
-    obstacle = obstacle or _obstacle(config, project.materials)
-    if obstacle is not None:
-        sized = _affordable(sized, project, obstacle)
-        config = config.model_copy(update={"mesh": sized})
-    return replace(project.having(), config=config)
+    obstacle = obstacle or _obstacle(carrying)
+    return carrying if obstacle is None else _affordable(carrying, obstacle)
 
 
-def _affordable(mesh, project, obstacle):
-    """Return a `MeshConfig` of tetrahedra for a frequency, or refuse one without end."""
+def _affordable(ground, obstacle):
+    """Return a ground of tetrahedra for its frequency, or refuse one without end."""
+    mesh = ground.mesh
     mesh = mesh.model_copy(update={"frequency_hz": ROUGH * mesh.frequency_hz})
-    rocks = [project.materials[part.material] for part in mesh.layers]
+    rocks = [ground.materials[part.material] for part in mesh.layers]
     edges = [rock.cs / (TETRAHEDRA[mesh.quadratic] * mesh.frequency_hz) for rock in rocks]
     size = np.array(mesh.size_m) + np.array([2.0, 2.0, 1.0]) * (mesh.padding_m or 0.0)
     thick = [part.thickness_m or size[2] for part in mesh.layers]
@@ -184,47 +209,37 @@ def _affordable(mesh, project, obstacle):
             "mesh.quadratic = true, or give mesh.edge_m and see by finding D40 what the run holds"
         )
     padding = mesh.padding_edge_m and max(mesh.padding_edge_m, *edges)
-    return mesh.model_copy(update={"padding_edge_m": padding})
+    return replace(ground, mesh=mesh.model_copy(update={"padding_edge_m": padding}))
 
 
-def _resolving(project, ground, asked, wave):
-    """Return a ground that resolves the motion at receivers near to sources, as far as it may.
+def _resolving(ground, stations, meshed, asked, model_on, build):
+    """Return a mesh that resolves the motion at receivers near to sources, as far as it may.
 
-    The same ground where it does; else one that goes on beyond its open sides until explosions can
+    The same mesh where it does; else one that goes on beyond its open sides until explosions can
     be injected; else one of shorter edges around the sources, as short as
     ``mesh.near_source_work`` allows.
     """
-    config = project.config
-    inside = config.holes_inside or config.moment_tensors or config.point_forces
-    received = config.receivers or "receivers" in project.given
-    if config.mesh.near_source_work <= 1.0 or not inside or not received:
-        return ground
-    model = _model_in(project, ground)
+    if ground.mesh.near_source_work <= 1.0 or not stations.near:
+        return meshed
+    model = model_on(meshed.mesh)
     needed = edges_near(model, injected_sources(model))
     if not needed:
-        return ground
-    build = partial(_hexahedra, project, wave=wave)
-    for attempt in (_widened, _graded):
-        better = attempt(project, ground, asked, model, needed, build)
-        if better is not None:
-            return better
-    return ground
+        return meshed
+    boxes = {number: partial(_around, model.sources[number]) for number in needed}
+    wider = _widened(ground, meshed, asked, boxes, model_on, build)
+    graded = wider or _graded(ground, meshed, asked, boxes, needed, build)
+    return graded or meshed
 
 
-def _model_in(project, ground):
-    """Return the model of a project on a ground."""
-    return replace(project, log=ReadLog(), given=project.given | {"ground": ground}).model
-
-
-def _widened(project, ground, asked, model, needed, build):
-    """Return a ground whose open sides lie so far from the sources that these are injected."""
-    reach = RING * float(zone_edge_lengths(ground.mesh).max())
-    boxes = [_around(model.sources[number], reach) for number in needed]
+def _widened(ground, meshed, asked, boxes, model_on, build):
+    """Return a mesh whose open sides lie so far from the sources that these are injected."""
+    reach = RING * float(zone_edge_lengths(meshed.mesh).max())
+    around = [box(reach) for box in boxes.values()]
     box = asked.box.copy()
     for number, side in enumerate(SIDES):
         axis, end = divmod(number, 2)
         if side in asked.open_sides:
-            ends = [each[axis, end] for each in boxes]
+            ends = [each[axis, end] for each in around]
             box[axis, end] = max(box[axis, end], *ends) if end else min(box[axis, end], *ends)
     beyond = not np.array_equal(box[:2], asked.box[:2])
     if np.array_equal(box, asked.box) or (beyond and asked.surface is not None):
@@ -235,30 +250,32 @@ def _widened(project, ground, asked, model, needed, build):
         wider = build(replace(asked, box=box, joint_sets=tuple(sets)))
     except InputError:
         return None
-    work = explicit_work(wider.mesh) / explicit_work(ground.mesh)
-    other = _model_in(project, wider)
-    if work > project.config.mesh.near_source_work or edges_near(other, injected_sources(other)):
+    work = explicit_work(wider.mesh) / explicit_work(meshed.mesh)
+    if work > ground.mesh.near_source_work:
+        return None
+    other = model_on(wider.mesh)
+    if edges_near(other, injected_sources(other)):
         return None
     return replace(
         wider, reason=f"{wider.reason}; {work:.2g} times the work for room around the sources"
     )
 
 
-def _graded(project, ground, asked, model, needed, build):
-    """Return a ground of shorter edges around sources, for as many receivers as may be."""
-    before, best = explicit_work(ground.mesh), None
+def _graded(ground, meshed, asked, boxes, needed, build):
+    """Return a mesh of shorter edges around sources, for as many receivers as may be."""
+    before, best = explicit_work(meshed.mesh), None
     for least in _steps(np.concatenate([*needed.values()])):
         lines = []
         for number, edges in needed.items():
             if edges.max() >= least:
                 edge = float(edges[edges >= least].min())
-                lines.append(Fine(_around(model.sources[number], BESIDE * edge), edge))
+                lines.append(Fine(boxes[number](BESIDE * edge), edge))
         try:
             finer = build(asked, lines=lines)
         except InputError:  # not mapped any more, or beyond the memory
             break
         work = explicit_work(finer.mesh) / before
-        if work > project.config.mesh.near_source_work:
+        if work > ground.mesh.near_source_work:
             break
         words = f"edges from {least:.3g} m around the sources, {work:.2g} times the work"
         best = replace(finer, reason=f"{finer.reason}; {words}")
@@ -282,24 +299,22 @@ def _around(source, margin):
     return np.column_stack([ends.min(axis=0) - margin, ends.max(axis=0) + margin])
 
 
-def _tetrahedra(project, asked, wave, reason):
-    """Return a ground of tetrahedra, cut more sharply where the first cut bends planes."""
-    config, materials, folder = project.config, project.materials, project.folder
-    parts = _with_edges(config, materials)
-    asked = replace(asked, faults=(*asked.faults, *make_fractures(parts, folder, project.log)))
+def _tetrahedra(ground, stations, asked, wave, reason):
+    """Return a mesh of tetrahedra, cut more sharply where the first cut bends planes."""
+    materials, folder, parts = ground.materials, ground.folder, _with_edges(ground)
+    asked = replace(asked, faults=(*asked.faults, *make_fractures(parts, folder, ground.log)))
     sharp = SHARP * wave / TETRAHEDRA[parts.quadratic]
     edges = [layer.edge_m or parts.edge_m or 0.0 for layer in (parts, *parts.layers)]
     bends = TOLERANCE_SHARE * max(edges) > OF_WAVE * wave
     given = parts.tolerance_m is not None or parts.grid_cells is not None
-    wrong, positions = "", positions_of(project)
-    usual = RELIEF * wave if bends else None
+    wrong, usual = "", RELIEF * wave if bends else None
     for tolerance in (parts.tolerance_m,) if given else (usual, sharp):
         cut = parts.model_copy(update={"tolerance_m": tolerance})
-        mesh = make_mesh(cut, materials, folder, project.surface, relief=RELIEF * wave)
-        rows = as_built(mesh, asked, wave, positions)
+        mesh = make_mesh(cut, materials, folder, ground.surface, relief=RELIEF * wave)
+        rows = as_built(mesh, asked, wave, stations.positions)
         wrong = differences(rows)
         if not wrong:
-            return Ground(mesh, reason, rows)
+            return Meshed(mesh, reason, rows)
     raise InputError(
         f"mesh: the ground that is built differs from the one asked for: {wrong}; shorten edge_m "
         "or tolerance_m there, or move planes and sides that nearly meet"
@@ -313,11 +328,11 @@ def differences(rows) -> str:
     return "; ".join(wrong[:LISTED]) + more
 
 
-def shortest_wave(config, materials) -> float:
-    """Return the shortest S wavelength in m that a `Config` asks its mesh to carry."""
-    mesh, top, waves = config.mesh, _frequency(config), []
+def shortest_wave(ground: Ground) -> float:
+    """Return the shortest S wavelength in m that a ground asks its mesh to carry."""
+    mesh, top, waves = ground.mesh, ground.frequency, []
     for part in mesh.layers:
-        rock = materials.get(part.material)
+        rock = ground.materials.get(part.material)
         edge = None if rock is None else mean_edge(mesh, part, rock)
         if edge is not None:
             waves.append(TETRAHEDRA[mesh.quadratic] * edge)
@@ -329,14 +344,14 @@ def shortest_wave(config, materials) -> float:
     return min(waves, default=np.inf)
 
 
-def _with_edges(config, materials):
+def _with_edges(ground):
     """Return the `MeshConfig` with edges of tetrahedra by frequency in layers without any."""
-    mesh, top = config.mesh, _frequency(config)
+    mesh, top = ground.mesh, ground.frequency
     if mesh.grid_cells is not None or top is None:
         return mesh
     layers = []
     for part in mesh.layers:
-        rock = materials.get(part.material)
+        rock = ground.materials.get(part.material)
         if rock is not None and mean_edge(mesh, part, rock) is None:
             edge = rock.cs / (TETRAHEDRA[mesh.quadratic] * top)
             part = part.model_copy(update={"edge_m": edge})
@@ -344,47 +359,16 @@ def _with_edges(config, materials):
     return mesh.model_copy(update={"layers": layers})
 
 
-def positions_of(project) -> dict[str, tuple[float, ...]]:
-    """Return the positions (2 or 3,) in m of sources and receivers of all blasts, by name."""
-    positions = {}
-    for each in (project, *project.further):
-        config = each.config
-        if each.blast is not None and config.holes_inside is not None:
-            positions |= hole_positions(each.blast)
-        for kind in ("point_forces", "moment_tensors"):
-            parts = enumerate(getattr(config, kind), start=1)
-            positions |= {f"{kind}[{number}]": part.position_m for number, part in parts}
-        positions |= {f"receivers.{part.name}": part.position_m for part in config.receivers}
-    given = project.given.get("receivers", ())
-    return positions | {f"receivers.{each.name}": each.position for each in given}
+def sizes_for_band(ground: Ground, highest: float, accuracy: float = OF_FITS) -> MeshConfig:
+    """Return the `MeshConfig` by which a ground is fitted to records up to a frequency in Hz.
 
-
-def survey_positions(project) -> np.ndarray:
-    """Return the horizontal positions (n, 2) in m of sources and receivers of all blasts."""
-    return np.concatenate([_horizontal(each) for each in (project, *project.further)])
-
-
-def _horizontal(project):
-    """Return the horizontal positions (n, 2) in m of receivers and sources of one blast."""
-    config, blast = project.config, project.blast
-    parts = [*config.receivers, *config.point_forces, *config.moment_tensors]
-    positions = [part.position_m[:2] for part in parts]
-    positions += [receiver.position[:2] for receiver in project.given.get("receivers", ())]
-    if blast is not None and config.holes_inside is not None:
-        positions += [*blast.collar[:, :2], *blast.toe[:, :2]]
-    return np.array(positions, dtype=float).reshape(-1, 2)
-
-
-def for_band(project, highest: float, accuracy: float = OF_FITS):
-    """Return the `MeshConfig` by which a project is fitted to records up to a frequency in Hz.
-
-    Where the file leaves the elements to the program and the ground takes hexahedra, their edges
-    follow from the frequency and an error (not from the edges of the file), in metres, so that a
-    change of speeds changes no mesh; else it is the table of the file. A layer thinner than half
-    its shortest S wavelength has hexahedra of its own height and as wide as elsewhere.
+    Where the file leaves the elements to the program, edges of hexahedra follow from the frequency
+    and an error (not from the edges of the file), in metres, so that a change of speeds changes no
+    mesh; else it is the table of the file. A layer thinner than half its shortest S wavelength has
+    hexahedra of its own height and as wide as elsewhere.
     """
-    mesh, materials = project.config.mesh, project.materials
-    mesh = mesh.model_copy(update={"near_source_work": 1.0})  # one mesh for all sources
+    materials = ground.materials
+    mesh = ground.mesh.model_copy(update={"near_source_work": 1.0})  # one mesh for all sources
     if mesh.kind != "auto" or mesh.file is not None or mesh.grid_cells is not None:
         return mesh
     parts = [(materials[part.material], part.thickness_m) for part in mesh.layers]
@@ -401,8 +385,7 @@ def for_band(project, highest: float, accuracy: float = OF_FITS):
     other["order"] = mesh.order or ORDER_OF_FITS
     if mesh.padding_edge_m is not None:  # of tetrahedra, where a hypothesis needs them
         other["padding_edge_m"] = max(mesh.padding_edge_m, 2.0 * max(edges))
-    fitted = mesh.model_copy(update=other)
-    return fitted if project.changed(mesh=fitted).ground.mesh.hexahedral else mesh
+    return mesh.model_copy(update=other)
 
 
 def with_laws(mesh, materials):
@@ -430,33 +413,36 @@ def scaled(mesh, factor, **other):
     return resized(mesh).model_copy(update={**parts, **other})
 
 
-def refined(project, error: float = FINER_ERROR):
-    """Return the `MeshConfig` with another error than that of a project, None if there is none.
+def sizes_for_error(
+    ground: Ground, mesh_built: Mesh, frequency: float | None, error: float
+) -> MeshConfig | None:
+    """Return the `MeshConfig` with another error than that of a ground, None if there is none.
 
     Hexahedra become smaller (or larger) by their rule; edges of tetrahedra are scaled, and zones
     of a file or a regular grid become quadratic where a smaller error is asked for.
 
     Parameters
     ----------
-    project : Project
+    ground : Ground
+    mesh_built : Mesh
+        Its mesh.
+    frequency : float, Hz, or None
+        That sizes this mesh.
     error : float
         Over that of its mesh.
     """
-    mesh = project.config.mesh
-    if project.mesh.hexahedral:
+    mesh = ground.mesh
+    if mesh_built.hexahedral:
         return mesh.model_copy(update={"accuracy": mesh.accuracy * error})
     if mesh.file is not None or mesh.grid_cells is not None:
-        laws = {project.materials[name].law.name for name in project.mesh.groups}
+        laws = {ground.materials[name].law.name for name in mesh_built.groups}
         usable = error < 1.0 and laws == {"elastic"} and not mesh.quadratic
         return mesh.model_copy(update={"quadratic": True}) if usable else None
-    factor, top = edge_factor(error), _frequency(sized_by_blast(project).config)
+    factor = edge_factor(error)
     finer = scaled(mesh, factor)
-    return finer if top is None else finer.model_copy(update={"frequency_hz": top / factor})
-
-
-def better_mesh(project):
-    """Return the `MeshConfig` by which motion on the mesh of a project is corrected, or None."""
-    return refined(project, BETTER)
+    if frequency is None:
+        return finer
+    return finer.model_copy(update={"frequency_hz": frequency / factor})
 
 
 def edge_factor(error: float) -> float:
@@ -464,9 +450,9 @@ def edge_factor(error: float) -> float:
     return max(error, FINER_ERROR) ** (math.log(FINER_EDGE) / math.log(FINER_ERROR))
 
 
-def _obstacle(config, materials):
+def _obstacle(ground):
     """Return what stands in the way of hexahedra before the planes are looked at, or None."""
-    mesh, sides = config.mesh, config.boundaries
+    mesh, sides, materials = ground.mesh, ground.boundaries, ground.materials
     if mesh.file is not None:
         return "the mesh is read from a file"
     if mesh.fractures:
@@ -481,19 +467,19 @@ def _obstacle(config, materials):
             return f"the ground {layer.material!r} follows the law {law!r}"
     if sides.free_field:
         return "free-field sides stand beside tetrahedra only"
-    if config.ground.damaged_zone is not None and config.ground.damaged_zone.material is not None:
+    if ground.of_one_blast:
         return "a damaged zone has a material of its own"
-    if config.absorbing_layer is not None:
+    if ground.absorbing_layer is not None:
         return "the table [absorbing_layer] damps ground of tetrahedra"
-    if config.signature is not None and config.input.enters_as == "plane_wave":
+    if ground.entered == "plane_wave":
         return "a plane wave enters ground of tetrahedra only"
-    return _soft_soil(config, materials) if sides.viscous and config.signature is None else None
+    return _soft_soil(ground) if sides.viscous and not ground.entered else None
 
 
-def _soft_soil(config, materials):
+def _soft_soil(ground):
     """Return which ground would take energy from an absorbing layer, or None; theory.md (4.18)."""
-    for upper, lower in pairwise(part.material for part in config.mesh.layers):
-        soil, rock = materials[upper], materials[lower]
+    for upper, lower in pairwise(part.material for part in ground.mesh.layers):
+        soil, rock = ground.materials[upper], ground.materials[lower]
         if soil.cs < SOFT * rock.cs and not isinstance(soil.law, ConstantQ):
             return (
                 f"{upper!r} has {soil.cs / rock.cs:.2g} of the S speed of {lower!r} and no quality "
@@ -502,29 +488,17 @@ def _soft_soil(config, materials):
     return None
 
 
-def _frequency(config):
-    """Return the highest frequency of interest in Hz, or None."""
-    if config.mesh.frequency_hz is not None:
-        return config.mesh.frequency_hz
-    band = config.run.compare_band_hz
-    return None if band is None else band[1]
-
-
-def _hexahedra(project, geometry, wave, lines=None):
-    """Return a ground of hexahedra: the first as asked for, of builders and orders by work.
+def _hexahedra(ground, stations, geometry, wave, lines=None):
+    """Return a mesh of hexahedra: the first as asked for, of builders and orders by work.
 
     Tetrahedra are cut into hexahedra where no other serves, then once more with half the edges.
     """
-    config, materials, reasons = project.config, project.materials, {}
-    order, positions = config.mesh.order, positions_of(project)
-    lowest = LOWEST_ORDER if config.holes_inside or config.moment_tensors else 2
+    order, reasons = ground.mesh.order, {}
+    lowest = LOWEST_ORDER if stations.explosive else 2
     orders = [each for each in ORDERS if each >= lowest]
 
     def meshes(order, builders, factor=1.0):
-        sizes = [
-            factor * _size(config, part, materials[part.material], order, project.reach)
-            for part in config.mesh.layers
-        ]
+        sizes = [factor * _size(ground, part, order, stations.reach) for part in ground.mesh.layers]
         for how, build in builders.items():
             try:
                 with named_error("mesh"):
@@ -547,13 +521,13 @@ def _hexahedra(project, geometry, wave, lines=None):
             trials += meshes(max(lowest, best + (1 if best == max(ORDERS) else -1)), BUILDERS)
     trials.sort(key=lambda each: each[0])
     cut = {CUT: subdivided.build_subdivided}
-    last = (each for factor in (1.0, 0.5) for each in meshes(order or orders[0], cut, factor))
+    last = (each for factor in (1.0, 0.5) for each in meshes(order or ORDERS[0], cut, factor))
     for _, how, mesh in chain(trials, last):
-        rows = as_built(mesh, geometry, wave, positions)
+        rows = as_built(mesh, geometry, wave, stations.positions)
         wrong = differences(rows)
         if not wrong:
             why = reasons if how == CUT else ()
-            return Ground(mesh, _sentence(mesh, how, why), rows)
+            return Meshed(mesh, _sentence(mesh, how, why), rows)
         reasons.setdefault(f"hexahedra {how} would be other ground than asked for: {wrong}")
     raise NotMapped("; ".join(reasons) or "its hexahedra would be inverted")
 
@@ -569,27 +543,11 @@ def _sentence(mesh, how, reasons):
     )
 
 
-def longest_path(positions: np.ndarray) -> float:
-    """Return the diagonal in m of what horizontal positions (n, 2) of a survey span."""
-    return float(np.linalg.norm(np.ptp(positions, axis=0))) if len(positions) else 0.0
-
-
-def _size(config, part, material, order, reach):
+def _size(ground, part, order, reach):
     """Return the largest edge in m of the hexahedra of a layer."""
-    mesh = config.mesh
+    mesh, material = ground.mesh, ground.materials[part.material]
     edge = mean_edge(mesh, part, material)
     carried = None if edge is None else material.cs / (TETRAHEDRA[mesh.quadratic] * edge)
-    top = float(carried or _frequency(config) or 0.0)
+    top = float(carried or ground.frequency or 0.0)
     nodes = nodes_per_wavelength(order, mesh.accuracy, reach * top / material.cs)
     return order * material.cs / (nodes * top)
-
-
-def needs_of(config) -> dict[str, set[str]]:
-    """Return the tables on which mesh, receivers and records depend."""
-    mesh = {"mesh", "ground"}
-    parts = [config.mesh, *config.mesh.layers]
-    if any(part.edges_per_wavelength is not None for part in parts):
-        mesh |= {"materials"}
-    if config.ground.damaged_zone is not None:
-        mesh |= {"blast", "materials"}
-    return {"mesh": mesh, "receivers": mesh | {"receivers"}, "records": {"receivers"}}

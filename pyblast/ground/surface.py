@@ -6,7 +6,6 @@ import numpy as np
 import scipy
 
 from ..errors import InputError, named_error
-from ..mesh.faces import face_vectors
 from ..mesh.grid import Fault
 from ..mesh.mesh import inner_facets
 from ..model.fractures import (
@@ -17,7 +16,7 @@ from ..model.fractures import (
     refuse_many,
     terminated,
 )
-from ..model.terrain import Bench, bench_triangles, burdens, toe_of, walked
+from ..model.terrain import Bench, bench_triangles, toe_of, walked
 from ..readers.geometry import SurveyedSurface, read_lines, read_surface
 
 HALF_CELL = 0.51  # of the diagonal of a cell, with which a survey reaches beyond its places
@@ -205,28 +204,3 @@ def refuse_uncovered(places, box):
             f"nearest height to ({x:g}, {y:g}) m is {away[empty].max():.4g} m away; extend the "
             "survey, fill its holes, or move the box"
         )
-
-
-def ground_notes(project):
-    """Say what the fractures add up to, and how far holes stand behind the faces of benches."""
-    notes, blast = [], project.blast
-    for part in project.config.mesh.fractures:
-        faces = project.mesh.surfaces.get(part.name, np.empty((0, 3), dtype=int))
-        area = np.linalg.norm(face_vectors(project.mesh.points, faces), axis=1).sum()
-        volume = np.prod(project.config.mesh.size_m)
-        drawn = "" if part.file else f", drawn with seed {part.seed}"
-        notes.append(
-            f"Fractures {part.name}: {area:.4g} m2, P32 {area / volume:.3g} 1/m of the box{drawn}."
-        )
-    for name in welded_surfaces(project.config.mesh, project.mesh):
-        notes.append(f"Surface {name} of the mesh file lies inside: welded, no joint and no side.")
-    if project.config.mesh.benches and blast is not None:
-        burden = burdens(benches_of(project.config.mesh, project.folder), blast.centres)
-        burden = burden[np.isfinite(burden)]
-        if len(burden):
-            notes.append(
-                f"Burden of {len(burden)} of {len(blast.centres)} holes, from the middle of the "
-                f"charge to the nearest bench face at its height: {burden.min():.3g} to "
-                f"{burden.max():.3g} m."
-            )
-    return tuple(notes)

@@ -1,0 +1,1 @@
+"""The ground: what is there, whatever elements it is cut into."""

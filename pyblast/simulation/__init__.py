@@ -1,0 +1,1 @@
+"""Simulation of blasts in a ground: elements and edges, meshes, models and runs."""

@@ -1,0 +1,73 @@
+"""Values that nothing has, names that break terminals, and input that is nothing are refused."""
+
+import pytest
+from small_project import written
+from typer.testing import CliRunner
+
+from pyblast.cli.commands import app
+from pyblast.config.config import read_config
+from pyblast.errors import InputError, ReadError
+from pyblast.project.project import load_project
+
+DENSITY, PLACE = "density_kg_per_m3 = 2660", "position_m = [-39, 10, 30]"
+FORCE = '\n[[point_forces]]\nposition_m = [1, 1]\ndirection = [0, 0, 1]\nfile = "f.csv"\n'
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "sentence"),
+    [
+        (DENSITY, "density_kg_per_m3 = 1e300", "density_kg_per_m3: must be at most 25000, got"),
+        ("young_mpa = 18720", "young_mpa = 60", "young_mpa: 60 gives shear waves of 93.1 m/s"),
+        (PLACE, f"{PLACE}\ncharge_exponent = 1e6", "charge_exponent: must be at most 2, got"),
+        ("rows = 4", "rows = 1_000_000_000", "must make at most 100000 holes"),
+        (DENSITY, "density_kg_per_m3 = 1979-05-27T07:32:00Z", "got 1979-05-27T07:32:00Z"),
+        (DENSITY, "density_kg_per_m3 = [true]", r"a number, got \[true\]"),
+        (DENSITY, f"density_kg_per_m3 = 1{'0' * 5000}", r"line \d+ holds a number of too many"),
+        ('"Small column"', r'"\u001b[31m"', r"title: must not hold control characters, got '\\x1b"),
+        ("[run]", r'[joints."a\u0001"]' + "\n[run]", "joints: must not hold control"),
+        ("[run]", '[joints.""]\n[run]', "joints: a name must not be empty"),
+        ("[run]", f"{FORCE.replace('f.csv', chr(92) + 'u0000')}[run]", "file: must not hold con"),
+        ("[run]", '[[receivers]]\nname = "."\nposition_m = [1, 1]\n[run]', "not be dots alone"),
+    ],
+)
+def test_a_bad_value_is_refused_in_one_printable_sentence(tmp_path, old, new, sentence):
+    with pytest.raises(InputError, match=sentence) as caught:
+        read_config(written(tmp_path, (old, new)))
+
+    assert str(caught.value).isprintable()
+
+
+def test_a_force_of_zeros_does_not_enter(tmp_path):
+    (tmp_path / "f.csv").write_text("time_s,force_n\n0,0\n0.1,0\n0.2,0\n0.3,0\n")
+
+    with pytest.raises(ReadError, match=r"f\.csv: is zero throughout"):
+        _ = load_project(written(tmp_path, ("[run]", f"{FORCE}[run]"))).inside
+
+
+@pytest.mark.parametrize(("wave", "azimuth"), [("SH", 90), ("SV", 0)])
+def test_a_plane_wave_needs_motion_along_it(wave, azimuth):
+    import numpy as np
+
+    from pyblast.config.config import InputConfig
+    from pyblast.project.inputs import make_entry
+    from pyblast.signals.seismogram import Seismogram
+
+    upright = np.outer(np.hanning(9), [0.0, 0.0, 1.0] if wave == "SH" else [1.0, 0.0, 0.0])
+    config = InputConfig(
+        enters_as="plane_wave", wave=wave, azimuth_deg=azimuth, inclination_deg=10.0
+    )
+
+    with pytest.raises(InputError, match=f"no motion along {wave}"):
+        make_entry(config, Seismogram(upright, 1e-3))
+
+
+@pytest.mark.parametrize("option", [["--bearing", "nan"], ["--low", "1", "--high", "inf"]])
+def test_numbers_of_the_command_line_are_finite(tmp_path, option):
+    for name in ("a.csv", "b.csv"):
+        (tmp_path / name).write_text("time_s\n")
+
+    done = CliRunner().invoke(app, ["compare", *(str(tmp_path / n) for n in ("a.csv", "b.csv")),
+                                    *option])  # fmt: skip
+
+    assert done.exit_code == 2
+    assert "must be a finite number" in done.output
