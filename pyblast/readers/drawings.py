@@ -29,8 +29,8 @@ def _drawing(name, content):
 
     try:
         drawing, audit = recover.read(io.BytesIO(content))
-        for found in (*audit.errors, *audit.fixes):
-            guess = re.search(r'recovered invalid .* value "(.*)" near line (\d+)', found.message)
+        for error in (*audit.errors, *audit.fixes):
+            guess = re.search(r'recovered invalid .* value "(.*)" near line (\d+)', error.message)
             if guess and not re.fullmatch(r"\s*[-+]?[.\d]+([eE][-+]?\d+)?\s*", guess[1]):
                 what = f"expected a number, got {guess[1][:40]!r}"
                 raise ReadError(f"{name}, near line {guess[2]}: {what}")
