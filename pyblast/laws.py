@@ -7,12 +7,12 @@ import math
 import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, fields
-from typing import NamedTuple, TypeVar
+from typing import TypeVar
 
 import numpy as np
 
 from .errors import InputError
-from .units import PROPERTY_UNITS, check_stiffness, check_tangent
+from .units import PROPERTY_UNITS, check_stiffness, check_tangent, split_key
 
 _PROPERTY = re.compile(
     r"(?P<name>[a-z]\w*)\[(?P<unit>[^\]]*)\](?: in (?P<file>\S+))?"
@@ -30,16 +30,9 @@ _STRENGTHS = ("cohesion", "friction", "tension")
 _SLIPS = ("slip_x", "slip_y", "slip_z", "failed")
 
 
-class Rule(NamedTuple):
-    """Bound of a property: a sign, and a number or the name of another property of the law."""
-
-    sign: str
-    bound: float | str
-
-
 @dataclass(frozen=True)
 class LawProperty:
-    """LawProperty of a law: unit, range, default.
+    """Property of a law: unit, range, default.
 
     Parameters
     ----------
@@ -48,7 +41,8 @@ class LawProperty:
         SI; "1" of a pure number, "tan" of the tangent of an angle.
     file_units : tuple of str
         Units, as suffixes of keys, that project files may use; the customary one first.
-    rules : tuple of Rule
+    rules : tuple of (str, float or str)
+        A sign, and the number or the property that bounds it.
     needs : str
         Another property, which must not be zero where this one is not; empty for none.
     default : (float, str) or None
@@ -58,7 +52,7 @@ class LawProperty:
     name: str
     unit: str
     file_units: tuple[str, ...]
-    rules: tuple[Rule, ...] = ()
+    rules: tuple[tuple[str, float | str], ...] = ()
     needs: str = ""
     default: tuple[float, str] | None = None
 
@@ -70,7 +64,7 @@ class LawProperty:
     @property
     def sign(self) -> str:
         """Rule of the sign, "must be positive"; empty where a value may be negative."""
-        return next((_SIGNS[rule.sign] for rule in self.rules if rule.bound == 0.0), "")
+        return next((_SIGNS[sign] for sign, bound in self.rules if bound == 0.0), "")
 
     def has_sign(self, value: float) -> bool:
         """Tell whether a value has the sign; NaN has none."""
@@ -357,11 +351,15 @@ def _read_property(where, text):
         if first not in units:
             raise ValueError(f"{where}: project files have no such unit; use one of {units}")
         units = (first, *(other for other in units if other != first))
+    if any(
+        split_key(f"{match['name']}_{unit}".rstrip("_")) != (match["name"], unit) for unit in units
+    ):
+        raise ValueError(f"{where}: project files take the end of its name for a unit; rename it")
     words = match["rules"].split()
     pairs = list(zip(words[::2], words[1::2], strict=True))
     return LawProperty(
         match["name"], match["unit"], units,
-        tuple(Rule(sign, _number_or_name(word)) for sign, word in pairs if sign != "needs"),
+        tuple((sign, _number_or_name(word)) for sign, word in pairs if sign != "needs"),
         next((word for sign, word in pairs if sign == "needs"), ""),
         None if match["default"] is None else _default(match["default"]),
     )  # fmt: skip

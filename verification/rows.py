@@ -100,9 +100,10 @@ def options(arguments: list[str]) -> tuple[list[str], dict[str, Any]]:
 
 @cache
 def program() -> str:
-    """Return a digest of the source of the program, Python and Fortran."""
+    """Return a digest of the source of the program: Python, its tables and Fortran."""
     digest = hashlib.sha256()
-    files = [*(ROOT / "pyblast").rglob("*.py"), *(ROOT / "fortran").iterdir()]
+    package = (file for kind in ("*.py", "*.toml") for file in (ROOT / "pyblast").rglob(kind))
+    files = [*package, *(ROOT / "fortran").iterdir()]
     for file in sorted(file for file in files if file.is_file()):
         digest.update(str(file.relative_to(ROOT)).encode())
         digest.update(file.read_bytes())

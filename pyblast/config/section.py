@@ -422,10 +422,10 @@ def sentence_of(error, root) -> str:
         more = f" ({others} more)" if others else ""
         return f"{', '.join(missing)}: missing; add them{more}"
     more = f" ({len(mistakes) - 1} more)" if len(mistakes) > 1 else ""
-    place, rule = first["loc"], _rule(first, root)
-    if place[-1:] == ("[key]",):
-        place, rule = place[:-2], f"a name {rule}"
-    where = f"{_path(place)}: " if place else ""
+    at, rule = first["loc"], _rule(first, root)
+    if at[-1:] == ("[key]",):
+        at, rule = at[:-2], f"a name {rule}"
+    where = f"{_path(at)}: " if at else ""
     return f"{where}{rule}{more}"
 
 
@@ -434,7 +434,7 @@ def _path(location):
     text = ""
     for part in location:
         if isinstance(part, str):
-            part = UNPRINTABLE.sub(lambda found: ascii(found[0])[1:-1], part)
+            part = UNPRINTABLE.sub(lambda match: ascii(match[0])[1:-1], part)
         text += f"[{part + 1}]" if isinstance(part, int) else f".{part}" if text else part
     return text
 

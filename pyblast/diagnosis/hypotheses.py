@@ -1,13 +1,16 @@
 """Hypotheses: physics that a model may lack, with their targets and requirements."""
 
+import tomllib
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from importlib.resources import files
+from importlib.resources.abc import Traversable
 from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from ..core import JOINT_LAWS
-from ..errors import InputError, contained
+from ..core import JOINT_LAWS, ZONE_LAWS
+from ..errors import InputError, contained, named_error
 from ..ground.tables import quality_of
 from ..inference.parameter import Parameter
 from .case import Case
@@ -77,7 +80,7 @@ def elastic_materials(case: Case) -> str:
     """Require ground that is elastic, so that it may have another law."""
     for name in case.project.ground_materials:
         law = case.project.materials[name].law.name
-        if law not in ("elastic", "anisotropic"):
+        if not ZONE_LAWS[law].elastic:
             return f"material {name!r} follows the law {law!r}, and no other beside it"
     return ""
 
@@ -187,7 +190,7 @@ def whole_site(case: Case) -> tuple[str, ...]:
 
 def joints(case: Case) -> tuple[str, ...]:
     """Return the names of the elastic joints."""
-    return tuple(joint.surface for joint in case.project.joints if joint.law == "elastic")
+    return tuple(joint.surface for joint in case.project.joints if JOINT_LAWS[joint.law].elastic)
 
 
 def blasts(case: Case) -> tuple[str, ...]:
@@ -364,21 +367,51 @@ _FAILED: WeakKeyDictionary = WeakKeyDictionary()  # errors of lists of targets, 
 LIBRARY: dict[str, Hypothesis] = {}
 
 
+def read_priors(path: Traversable) -> dict[str, tuple[Parameter, ...]]:
+    """Return the parameters with their priors that a table holds, by the name of a hypothesis.
+
+    Raises
+    ------
+    InputError
+        If a key is unknown, or a prior breaks a rule of `Parameter`; with hypothesis and parameter.
+    """
+    keys = {each.name for each in fields(Parameter)} - {"name", "laboratory"}
+    priors: dict[str, tuple[Parameter, ...]] = {}
+    for name, table in tomllib.loads(path.read_text(encoding="utf-8")).items():
+        for parameter, row in table.items():
+            where = f"{path.name}: {name}.{parameter}"
+            if unknown := row.keys() - keys:
+                known = ", ".join(sorted(keys))
+                raise InputError(f"{where}: unknown key {min(unknown)!r}; known are {known}")
+            for key in ("mean", "sigma", "starts"):
+                if key not in row:
+                    raise InputError(f"{where}: {key}: missing")
+            with named_error(f"{path.name}: {name}"):
+                one = Parameter(parameter, **{**row, "starts": tuple(row["starts"])})
+            priors[name] = (*priors.get(name, ()), one)
+    return priors
+
+
+PRIORS = read_priors(files("pyblast.diagnosis").joinpath("library", "priors.toml"))
+
+
 def hypothesis(
-    label, *, family, on, target, axis, parameters, form="", targets=None, mesh_control=None,
+    label, *, family, on, target, axis, parameters=None, form="", targets=None, mesh_control=None,
     linear=True, decided_by="", needs=(), simulated=(), single=False, begins=None,
     further=(), described=None, odd=False,
 ):  # fmt: skip
     """Enter the decorated function into the library; arguments as of `Hypothesis`.
 
     The function is ``apply``, and the first sentence of its docstring the claim. ``targets`` may
-    be left out for kinds of targets in `TARGETS`. Requirements of cross-validation, and of
-    different charges if it is not linear, are added before its own ``needs``.
+    be left out for kinds of targets in `TARGETS`, ``parameters`` where ``library/priors.toml`` has
+    a table of that name. Requirements of cross-validation, and of different charges if it is not
+    linear, are added before its own ``needs``.
 
     Raises
     ------
     InputError
-        If a word is not in the lists above, the name exists already, or there is no claim.
+        If a word is not in the lists above, the name exists already, or there is no claim or no
+        prior.
     """
     listed = TARGETS if targets is None else (target,)
     for word, allowed in ((family, FAMILIES), (on, CHANGES), (target, listed), (axis, AXES)):
@@ -386,12 +419,16 @@ def hypothesis(
             raise InputError(f"hypothesis {label}: need one of {', '.join(allowed)}, got {word!r}")
     possible = _where_simulated(targets or TARGETS[target], simulated)
     needs = (*TO_HOLD_OUT[axis], *(() if linear else (charges_apart,)), *needs)
+    name = f"{label}/{form}" if form else label
+    if parameters is None and name not in PRIORS:
+        raise InputError(f"hypothesis {name}: give its parameters, or a table in priors.toml")
+    chosen = PRIORS[name] if parameters is None else tuple(parameters)
 
     def enter(function):
         claim = (function.__doc__ or "").strip().split("\n\n")[0]
         entry = Hypothesis(
             label, form, " ".join(claim.split()), family, on, target, possible, axis,
-            tuple(parameters), function, mesh_control, linear, decided_by, needs, simulated, single,
+            chosen, function, mesh_control, linear, decided_by, needs, simulated, single,
             begins, tuple(further), described, odd,
         )  # fmt: skip
         if entry.name in LIBRARY:

@@ -96,7 +96,7 @@ def design_nuisances(simulated, band: Band, mesh_errors, levels: Mapping[str, fl
         "source": [_only(part, b) for part in spectra for b in range(n_blasts)],
         "mesh": [_only(error, np.s_[:, r]) for error in errors for r in range(n_receivers)],
     }
-    each = {name: [levels[name] * one for one in part] for name, part in parts.items() if part}
+    each = {name: [levels[name] * own for own in part] for name, part in parts.items() if part}
     return moving_columns(each, shape)
 
 

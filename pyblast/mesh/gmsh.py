@@ -196,8 +196,9 @@ def _gmsh():
             f"build_mesh: gmsh can't be loaded ({str(error).splitlines()[0]}); install gmsh and "
             "the Debian packages libglu1-mesa libgl1 libxcursor1 libxft2 libxinerama1"
         ) from None
-    for call in _calls():
-        call.join()
+    for done in _running:
+        done.wait()
+    _running.clear()
     if gmsh.isInitialized() and _NAME in gmsh.model.list():  # which Ctrl-C has left behind
         gmsh.finalize()
     ours = not gmsh.isInitialized()
@@ -210,33 +211,35 @@ def _gmsh():
     try:
         yield gmsh
     finally:
-        if not _calls():
+        if not _running:
             gmsh.model.remove()
             if ours:
                 gmsh.finalize()
 
 
-def _calls():
-    """Return the threads in which gmsh runs."""
-    return [thread for thread in threading.enumerate() if thread.name == _NAME]
+_running: list[threading.Event] = []  # calls of gmsh that go on, also after Ctrl-C
 
 
 def _call(function, *values):
     """Call gmsh in a thread of its own, for which Ctrl-C does not wait.
 
-    HXT sets the number of OpenMP threads of the thread that calls it, and leaves it at one.
+    HXT sets the number of OpenMP threads of the thread that calls it, and leaves it at one. An
+    event is waited for, since a thread whose `join` is interrupted counts as ended in Python 3.11.
     """
-    failed = []
+    failed, done = [], threading.Event()
 
     def work():
         try:
             function(*values)
         except Exception as error:
             failed.append(error)
+        finally:
+            done.set()
 
-    thread = threading.Thread(target=work, name=_NAME, daemon=True)
-    thread.start()
-    thread.join()
+    _running.append(done)
+    threading.Thread(target=work, name=_NAME, daemon=True).start()
+    done.wait()
+    _running.remove(done)
     if failed:
         raise failed[0]
 

@@ -11,6 +11,7 @@ from .source import TimeFunction
 
 PADDED = 4  # samples, of zero before a time function
 
+
 def moment_motion(
     rate: TimeFunction, tensor: np.ndarray, offsets: np.ndarray, times: np.ndarray, rock: Material
 ) -> np.ndarray:
@@ -35,7 +36,8 @@ def moment_motion(
     --------
     >>> rock = Material.from_speeds(2600.0, 4000.0, 2300.0)
     >>> bell = TimeFunction(1e9 * np.sin(np.pi * np.arange(101) / 100) ** 2, 1e-3)
-    >>> motion = moment_motion(bell, np.eye(3), np.array([[30.0, 40.0, 0.0]]), np.array([0.05]), rock)
+    >>> at = np.array([[30.0, 40.0, 0.0]])
+    >>> motion = moment_motion(bell, np.eye(3), at, np.array([0.05]), rock)
     >>> motion.shape, bool(np.isclose(motion[0, 0, 1] / motion[0, 0, 0], 4.0 / 3.0))
     ((1, 1, 3), True)
     """

@@ -150,7 +150,7 @@ def ground_as_built(rows):
 
 
 def _mesh_defects(project, summary):
-    """D1, D2, D5, D12, D26, D30, D38, D45: zones, size, boundaries, layers, units, memory, sources."""
+    """D1, D2, D5, D12, D26, D30, D38, D45: zones, size, sides, layers, units, memory, sources."""
     yield checks_ground.beyond_memory(summary.memory, quality.available())
     times = () if project.blast is None else project.blast.times
     yield unlikely_values(project.materials, project.joints, project.config, times)

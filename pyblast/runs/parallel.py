@@ -58,7 +58,7 @@ def input_hash(*inputs: Any) -> str:
 
 @lru_cache
 def code_hash(paths: tuple[str, ...] = RUN_CODE) -> str:
-    """Return the SHA-256 of modules, of the first core, and of numpy's and scipy's version.
+    """Return the SHA-256 of code and its tables, of the core, and of numpy's and scipy's version.
 
     Parameters
     ----------
@@ -76,8 +76,10 @@ def code_hash(paths: tuple[str, ...] = RUN_CODE) -> str:
 
 
 def _modules(path):
-    """Return the modules at a path, sorted: one file, or all of a folder."""
-    return sorted(path.rglob("*.py")) if path.is_dir() else [path]
+    """Return the modules and tables at a path, sorted: one file, or all of a folder."""
+    if not path.is_dir():
+        return [path]
+    return sorted(file for file in path.rglob("*") if file.suffix in (".py", ".toml"))
 
 
 log = logging.getLogger(__name__)

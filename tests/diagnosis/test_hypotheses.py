@@ -1,5 +1,6 @@
 """What records can't test is said before any search, and is never named."""
 
+import inspect
 from dataclasses import replace
 from functools import cache
 
@@ -12,8 +13,15 @@ import pyblast.diagnosis.library  # noqa: F401  fills the library
 from pyblast.diagnosis.case import case_of
 from pyblast.diagnosis.decision import decide
 from pyblast.diagnosis.effects import Effect
-from pyblast.diagnosis.hypotheses import LIBRARY, untestable_labels
+from pyblast.diagnosis.hypotheses import (
+    LIBRARY,
+    PRIORS,
+    hypothesis,
+    read_priors,
+    untestable_labels,
+)
 from pyblast.diagnosis.search import Search
+from pyblast.errors import InputError
 from pyblast.model.material import ConstantQ
 from pyblast.recordings.recording import Recording
 from pyblast.signals.seismogram import Seismogram
@@ -52,6 +60,39 @@ def fading(project):
     return project.changed(
         materials={name: replace(one, law=law) for name, one in project.materials.items()}
     )
+
+
+def test_each_table_of_priors_holds_the_arguments_of_its_hypothesis():
+    for name, priors in PRIORS.items():
+        arguments = inspect.signature(LIBRARY[name].apply).parameters
+
+        assert LIBRARY[name].parameters == priors
+        assert {one.name for one in priors} <= set(arguments), name
+        assert all(one.low <= start <= one.high for one in priors for start in one.starts), name
+
+
+@pytest.mark.parametrize(
+    ("row", "told"),
+    [
+        ("mean = 1.0, sigma = 0.2, starts = [1.0], top = 3.0", "p: a.q: unknown key 'top'; known"),
+        ("mean = 1.0, sigma = -0.2, starts = [1.0]", "p: a: q: sigma must be positive"),
+        ("mean = 1.0, sigma = 0.2, starts = [1.0], low = 2.0, high = 1.0", "low must be below"),
+        ("mean = 1.0, sigma = 0.2", "p: a.q: starts: missing"),
+    ],
+)
+def test_a_prior_that_is_none_is_refused_with_its_place(tmp_path, row, told):
+    (tmp_path / "p").write_text(f"[a]\nq = {{ {row} }}\n")
+
+    with pytest.raises(InputError) as refused:
+        read_priors(tmp_path / "p")
+    assert told in str(refused.value)
+
+
+def test_a_hypothesis_without_priors_is_refused():
+    how = {"family": "path", "on": "site", "target": "site", "axis": "both"}
+
+    with pytest.raises(InputError, match="hypothesis gust: give its parameters, or a table in"):
+        hypothesis("gust", **how)
 
 
 def test_charges_of_six_to_one_and_receivers_around_test_every_effect():

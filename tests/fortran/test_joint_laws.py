@@ -74,12 +74,16 @@ def test_tangents_are_those_of_the_law_as_it_closes_and_shears(law, pressure):
 
 
 @ALL_LAWS
-def test_no_tangent_is_stiffer_than_the_bound_that_sets_the_time_step(law):
-    joint = Joint("J", law, properties(law))
-    stiffest = max(max(joint.tangents(pressure)) for pressure in np.geomspace(1e2, 1e13, 200))
+def test_no_law_is_stiffer_than_the_bound_that_sets_the_time_step(law):
+    (stiffest, viscosity), small = Joint("J", law, properties(law)).bound(), 1e-9
+    if viscosity > 0.0:
+        return  # its traction follows the rate, too
+    for pressure in np.geomspace(1e2, 1e10, 33):
+        contact = Contact(law, (0.0, 0.0, -pressure))
+        change = np.abs(contact.move(0.0, 0.0, -small)[2] + pressure)
 
-    told = "give the law its case in joint_bound of joint_laws.f90"
-    assert joint.bound()[0] >= (1.0 - 1e-12) * stiffest, told
+        told = "give the law its case in joint_bound of joint_laws.f90"
+        assert change <= stiffest * small + 1e-14 * pressure, told
 
 
 @LINEAR_AT_FIRST

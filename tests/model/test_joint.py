@@ -71,7 +71,7 @@ def test_no_stiffness_of_any_law_may_be_zero_or_negative(law):
     stiffnesses = [n for n, one in JOINT_LAWS[law].properties.items() if one.unit == "Pa/m"]
 
     for name, value in itertools.product(stiffnesses, (0.0, -1e9)):
-        with pytest.raises(InputError, match=rf"J\.{name}: must (be positive|exceed kn)"):
+        with pytest.raises(InputError, match=rf"J\.{name}: must .*, got {value:.0f} Pa/m$"):
             Joint("J", law, {**given, name: value})
 
 

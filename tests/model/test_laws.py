@@ -52,6 +52,7 @@ def test_all_units_of_properties_have_a_factor():
     [
         (SEATED.replace("[m]", "[feet]"), "unknown unit; use one of Pa/m, .* or add it"),
         (SEATED.replace("[m] >", "[m] in kPa >"), "project files have no such unit; use one of"),
+        (SEATED.replace("seat[m]", "seat_s[1]"), "take the end of its name for a unit; rename it"),
         (SEATED.replace("seat[m]", "seat"), "a property is 'NAME.UNIT. in FILE RULES = DEFAULT'"),
         (SEATED.replace("10*kn", "10*kp"), "a default is a number, inf, a property that stands"),
         (SEATED.replace("10*kn", "ten*kn"), "a default is a number, inf, a property that stands"),

@@ -15,6 +15,7 @@ from pyblast.model.source import Hole, TimeFunction
 from pyblast.runs.parallel import (
     PACKAGE,
     RUN_CODE,
+    WHOLE,
     Cache,
     cached_run,
     code_hash,
@@ -79,6 +80,16 @@ def test_another_input_is_another_run(tmp_path):
 def test_the_code_of_a_run_is_part_of_its_hash(path):
     assert (PACKAGE / path).exists()
     assert code_hash(tuple(other for other in RUN_CODE if other != path)) != code_hash()
+
+
+def test_a_table_of_the_program_is_part_of_its_code(tmp_path, monkeypatch):
+    monkeypatch.setattr("pyblast.runs.parallel.PACKAGE", tmp_path)
+    hashes = set()
+    for text in ("a = 1", "a = 2"):
+        (tmp_path / "priors.toml").write_text(text)
+        hashes.add(code_hash.__wrapped__(WHOLE))
+
+    assert len(hashes) == 2
 
 
 def test_broken_and_foreign_entries_are_left_aside_with_a_word(tmp_path, caplog):

@@ -95,7 +95,10 @@ def test_a_deep_explosion_is_that_of_unbounded_rock():
         assert error(records[name].velocity, wanted) < 0.01, name
 
 
-TENSORS = {"column": np.diag([1.0, 1.0, 0.5]), "couple": np.array([[0, 1, 0], [1, 0, 0], [0, 0, 0]])}
+TENSORS = {
+    "column": np.diag([1.0, 1.0, 0.5]),
+    "couple": np.array([[0, 1, 0], [1, 0, 0], [0, 0, 0]]),
+}
 
 
 @pytest.mark.parametrize("kind", TENSORS)
@@ -138,7 +141,9 @@ def test_a_deep_column_is_the_sum_of_its_points():
     for name, at in points.items():
         places, delays = column.points(60)
         wanted = sum(
-            1e9 / 60 * moment(records[name].times - late, at - place, column.tensor(ROCK), BELL, ROCK)
+            1e9
+            / 60
+            * moment(records[name].times - late, at - place, column.tensor(ROCK), BELL, ROCK)
             for place, late in zip(places, delays, strict=True)
         )
         assert error(records[name].velocity, wanted) < 0.02, name

@@ -5,7 +5,6 @@ from itertools import pairwise
 import numpy as np
 from scipy import fft
 
-from ...inference.parameter import Parameter
 from ...model.material import Material
 from ...project.project import Project
 from ..hypotheses import air_over_layers, hypothesis
@@ -126,34 +125,6 @@ AHEAD = 3.0  # widths of the pulse before its middle that it begins
     on="motion",
     target="site",
     axis="both",
-    parameters=[
-        Parameter(
-            "pressure",
-            mean=800.0,
-            sigma=2.0,
-            unit="Pa",
-            log=True,
-            starts=(800.0,),
-            low=0.1,
-            high=1e6,
-            null=0.0,
-        ),
-        Parameter(
-            "period",
-            mean=0.1,
-            sigma=0.6,
-            unit="s",
-            log=True,
-            starts=(0.05, 0.1),
-            low=0.02,
-            high=0.5,
-        ),
-        Parameter(
-            "speed", mean=340.0, sigma=6.0, unit="m/s", starts=(340.0,), low=310.0, high=370.0
-        ),
-        Parameter("decay", mean=1.1, sigma=0.2, starts=(1.1,), low=0.4, high=2.0),
-        Parameter("radial", mean=1.0, sigma=0.5, starts=(1.0,), low=-2.0, high=4.0),
-    ],
     decided_by="a microphone beside a receiver, or a receiver some metres deep",
     simulated=(air_over_layers,),
 )

@@ -11,7 +11,6 @@ from ...config.ground import FaultConfig
 from ...config.section import with_candidate
 from ...errors import InputError
 from ...ground.tables import is_anisotropic, joint_of_surface, make_joint, make_material
-from ...inference.parameter import Parameter
 from ...model.joint import Joint
 from ...model.material import Material
 from ...project.places import survey_positions
@@ -257,33 +256,6 @@ def cut_there(project, target, **_):
     return (fault and _cut(project, target, fault, project.joints)) or project
 
 
-OFFSET = Parameter("offset", mean=0.0, sigma=10.0, unit="m", starts=(0.0,), low=-40.0, high=40.0)
-STIFFNESSES = tuple(
-    Parameter(
-        name,
-        mean=mean,
-        sigma=1.5,
-        unit="Pa/m",
-        log=True,
-        starts=(mean,),
-        low=low,
-        high=high,
-        null=np.inf,
-    )
-    for name, mean, low, high in (("kn", 1e9, 2e7, 5e10), ("ks", 4e8, 1e7, 2e10))
-)
-
-
-def offsets(*starts):
-    """Return the offsets of a place to the east and to the north, tried at starting values in m."""
-    return tuple(
-        Parameter(
-            name, mean=0.0, sigma=8.0, unit="m", starts=starts, low=-30.0, high=30.0, null=0.0
-        )
-        for name in ("east", "north")
-    )
-
-
 BOTH_SIDES = "receivers close to the plane on both sides, or a blast on its other side"
 
 
@@ -295,7 +267,6 @@ BOTH_SIDES = "receivers close to the plane on both sides, or a blast on its othe
     target="plane",
     targets=parallel_planes,
     axis="both",
-    parameters=[OFFSET, *STIFFNESSES],
     decided_by=BOTH_SIDES,
     described=turned_plane,
     mesh_control=cut_there,
@@ -314,12 +285,6 @@ def parallel_joint(project, target, offset, kn, ks):
     target="plane",
     targets=dipping_planes,
     axis="both",
-    parameters=[
-        OFFSET,
-        Parameter("turn", mean=0.0, sigma=0.3, unit="rad", starts=(0.0,), low=-0.8, high=0.8),
-        Parameter("steeper", mean=0.0, sigma=0.25, unit="rad", starts=(0.0,), low=-0.6, high=0.6),
-        *STIFFNESSES,
-    ],
     decided_by=BOTH_SIDES,
     described=turned_plane,
     mesh_control=cut_there,
@@ -361,9 +326,6 @@ def _moved(project, target, dip, turn, shift):
     return _as_meshed(project, project.changed(mesh=mesh.model_copy(update={"faults": faults})))
 
 
-SHIFT = Parameter(
-    "shift", mean=0.0, sigma=6.0, unit="m", starts=(-6.0, 6.0), low=-30.0, high=30.0, null=0.0
-)
 SURVEYED = "a borehole through the fault, or its outcrop surveyed again"
 
 
@@ -374,29 +336,6 @@ SURVEYED = "a borehole through the fault, or its outcrop surveyed again"
     target="fault",
     targets=families,
     axis="both",
-    parameters=[
-        Parameter(
-            "dip",
-            mean=0.0,
-            sigma=0.12,
-            unit="rad",
-            starts=(-0.12, 0.12),
-            low=-0.5,
-            high=0.5,
-            null=0.0,
-        ),
-        Parameter(
-            "turn",
-            mean=0.0,
-            sigma=0.15,
-            unit="rad",
-            starts=(-0.15, 0.15),
-            low=-0.7,
-            high=0.7,
-            null=0.0,
-        ),
-        SHIFT,
-    ],
     decided_by=SURVEYED,
     odd=True,
     simulated=(remeshable,),
@@ -414,7 +353,6 @@ def wrong_geometry(project, target, dip, turn, shift):
     target="fault",
     targets=faults_of_families,
     axis="both",
-    parameters=[SHIFT],
     decided_by=SURVEYED,
     odd=True,
     simulated=(remeshable,),
@@ -442,19 +380,6 @@ def endless_faults(case) -> tuple[str, ...]:
     target="fault",
     targets=endless_faults,
     axis="both",
-    parameters=[
-        Parameter(
-            "depth",
-            mean=20.0,
-            sigma=0.8,
-            unit="m",
-            log=True,
-            starts=(15.0,),
-            low=4.0,
-            high=200.0,
-            null=np.inf,
-        )
-    ],
     decided_by="a borehole through the fault at depth",
     simulated=(remeshable,),
 )
@@ -499,25 +424,6 @@ def directions(case) -> tuple[str, ...]:
     target="direction",
     targets=directions,
     axis="both",
-    parameters=[
-        Parameter(
-            "height",
-            mean=0.0,
-            sigma=10.0,
-            unit="m",
-            starts=(-8.0, 8.0),
-            low=-40.0,
-            high=40.0,
-            null=0.0,
-        ),
-        Parameter(
-            "position", mean=0.0, sigma=30.0, unit="m", starts=(0.0,), low=-120.0, high=120.0
-        ),
-        Parameter(
-            "width", mean=10.0, sigma=0.6, unit="m", log=True, starts=(20.0,), low=2.0, high=60.0
-        ),
-        Parameter("turn", mean=0.0, sigma=0.25, unit="rad", starts=(0.0,), low=-0.8, high=0.8),
-    ],
     decided_by="a survey of the ground surface",
     odd=True,
     further=(("position", (-40.0, -20.0, 20.0, 40.0)),),
@@ -564,10 +470,6 @@ def isotropic_materials(case) -> tuple[str, ...]:
     target="material",
     targets=isotropic_materials,
     axis="both",
-    parameters=[
-        Parameter("p", mean=1.0, sigma=0.15, log=True, starts=(1.0,), low=0.4, high=2.0, null=1.0),
-        Parameter("s", mean=1.0, sigma=0.15, log=True, starts=(1.0,), low=0.4, high=2.0, null=1.0),
-    ],
     decided_by="a hammer test or a crosshole survey in this material",
 )
 def rock_speed(project, target, p, s):

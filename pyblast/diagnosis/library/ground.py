@@ -10,7 +10,6 @@ from ...config.ground import FaultConfig
 from ...config.section import value_at
 from ...errors import InputError
 from ...ground.tables import is_anisotropic, quality_of
-from ...inference.parameter import Parameter
 from ...model.anisotropy import anisotropic, jointed, stiffness_of
 from ...model.joint import Joint
 from ...model.material import ConstantQ, Material
@@ -18,6 +17,7 @@ from ...project.places import extent_of
 from ...project.project import Project
 from ..calibration import scaled
 from ..hypotheses import (
+    PRIORS,
     elastic_materials,
     ground_without_loss,
     hypothesis,
@@ -28,7 +28,7 @@ from ..hypotheses import (
     unknown_quality,
     zones_of_constant_strain,
 )
-from .geometry import BOTH_SIDES, STIFFNESSES, offsets
+from .geometry import BOTH_SIDES
 
 NONE = 1e-9  # a weakness without effect
 
@@ -80,13 +80,6 @@ _LOSS = {
 }  # fmt: skip
 
 
-def _quality(*starts):
-    """Return the quality factor of S waves, tried at starting values."""
-    return Parameter(
-        "q", mean=20.0, sigma=0.8, log=True, starts=starts, low=4.0, high=300.0, null=np.inf
-    )
-
-
 def _with_loss(project, q, materials):
     """Return a project with constant Q in materials by name, on the zones that it has."""
     if quality_of(project.materials) is not None or is_anisotropic(project.materials):
@@ -100,7 +93,7 @@ def _with_loss(project, q, materials):
     return project.changed(materials={**project.materials, **lossy}, mesh=mesh)
 
 
-@hypothesis("attenuation_Q", target="site", parameters=[_quality(8.0, 25.0)], **_LOSS)
+@hypothesis("attenuation_Q", target="site", **_LOSS)
 def attenuation_q(project, target, q):
     """The ground takes energy from all waves alike, as constant Q of S waves does."""
     del target
@@ -118,7 +111,6 @@ def one_of_materials(case) -> tuple[str, ...]:
     form="one material",
     target="material",
     targets=one_of_materials,
-    parameters=[_quality(15.0)],
     **_LOSS,
 )
 def attenuation_of_material(project, target, q):
@@ -146,19 +138,6 @@ def _as_stiff(project, target, azimuth, normal, shear):
     target="site",
     axis="both",
     mesh_control=_as_stiff,
-    parameters=[
-        Parameter(
-            "azimuth",
-            mean=0.0,
-            sigma=2.0,
-            unit="rad",
-            starts=(0.0, 0.79, 1.57, 2.36),
-            low=-7.0,
-            high=7.0,
-        ),
-        Parameter("normal", mean=0.2, sigma=0.15, starts=(0.25,), low=0.0, high=0.8, null=0.0),
-        Parameter("shear", mean=0.2, sigma=0.15, starts=(0.15,), low=0.0, high=0.8, null=0.0),
-    ],
     decided_by="receivers in five or more directions from the blast",
     needs=(ground_without_loss, three_directions),
     simulated=(elastic_materials, zones_of_constant_strain),
@@ -340,10 +319,6 @@ def _cut_there(project, target, offset, kn, ks):
     targets=planes,
     axis="both",
     mesh_control=_cut_there,
-    parameters=[
-        Parameter("offset", mean=0.0, sigma=5.0, unit="m", starts=(0.0,), low=-25.0, high=25.0),
-        *STIFFNESSES,
-    ],
     decided_by=BOTH_SIDES,
     described=plane_at,
     simulated=(flat_layers,),
@@ -357,10 +332,8 @@ def missing_joint(project, target, offset, kn, ks):
     return _with_plane(project, joint.surface, *plane, joint)
 
 
-USUAL = 5.0  # m, prior thickness of a soft layer
-START_RATIO = 1.4  # of starting thicknesses to the prior one
-THIN, THICK = 1.0, 20.0  # m
-SLOWEST, FASTEST = 0.1, 0.9  # factors on the speeds of the ground
+THICKNESS, SLOWER = PRIORS["soft_surface_layer"]
+USUAL = float(THICKNESS.value(0.0))  # m
 PADDING = 8  # factor on the length of a spectrum, by zeros
 ALIKE = 2.0  # ratio of thicknesses whose meshes differ by less than the model error
 
@@ -411,8 +384,8 @@ def _resonant_layer(scene):
     length = PADDING * case.n_samples
     spectrum = np.sum(np.abs(np.fft.rfft(shares, length)) ** 2, axis=(0, 1, 2))
     per_metre = 4.0 * np.fft.rfftfreq(length, case.dt)[max(1, np.argmax(spectrum))] / rock.cs
-    slower = float(np.clip(USUAL * per_metre, SLOWEST, FASTEST))
-    return float(np.clip(slower / per_metre, THIN, THICK)), slower
+    slower = float(np.clip(USUAL * per_metre, SLOWER.low, SLOWER.high))
+    return float(np.clip(slower / per_metre, THICKNESS.low, THICKNESS.high)), slower
 
 
 @hypothesis(
@@ -423,28 +396,6 @@ def _resonant_layer(scene):
     axis="both",
     mesh_control=_as_fast,
     begins=_resonant_layer,
-    parameters=[
-        Parameter(
-            "thickness",
-            mean=USUAL,
-            sigma=0.5,
-            unit="m",
-            log=True,
-            starts=(USUAL / START_RATIO, USUAL * START_RATIO),
-            low=THIN,
-            high=THICK,
-        ),
-        Parameter(
-            "slower",
-            mean=0.4,
-            sigma=0.4,
-            log=True,
-            starts=(0.4,),
-            low=SLOWEST,
-            high=FASTEST,
-            null=1.0,
-        ),
-    ],
     decided_by="a receiver on bare rock beside one on the ground, or a hammer test",
     simulated=(remeshable,),
 )
@@ -487,21 +438,6 @@ def _as_dry(project, target, depth, faster):
     target="site",
     axis="both",
     mesh_control=_as_dry,
-    parameters=[
-        Parameter(
-            "depth", mean=10.0, sigma=0.7, unit="m", log=True, starts=(10.0,), low=2.0, high=60.0
-        ),
-        Parameter(
-            "faster",
-            mean=1.2,
-            sigma=0.2,
-            log=True,
-            starts=(1.2,),
-            low=1.01,
-            high=4.0,
-            null=1.0,
-        ),
-    ],
     decided_by="the level of water in a borehole, or a refraction survey of P waves",
     simulated=(remeshable, elastic_materials),
 )
@@ -521,7 +457,6 @@ def water_table(project, target, depth, faster):
     target="receiver",
     targets=receivers_with_space,
     axis="blasts",
-    parameters=offsets(0.0),
     decided_by="a survey of the receiver",
     simulated=(space_around_receivers,),
 )

@@ -4,7 +4,6 @@ import numpy as np
 from scipy import fft
 from scipy.interpolate import make_interp_spline
 
-from ...inference.parameter import Parameter
 from ..hypotheses import (
     hypothesis,
     receivers,
@@ -22,18 +21,6 @@ TAP = "a tap from a known side, or shots from three directions"
     on="motion",
     target="receiver",
     axis="blasts",
-    parameters=[
-        Parameter(
-            "shift",
-            mean=0.0,
-            sigma=10e-3,
-            unit="s",
-            starts=(0.0, 8e-3, -8e-3),
-            low=-0.2,
-            high=0.2,
-            null=0.0,
-        )
-    ],
     decided_by="noise recorded together with a receiver of known clock",
 )
 def clock_error(scene, motion, target, shift):
@@ -52,21 +39,6 @@ def clock_error(scene, motion, target, shift):
     on="motion",
     target="receiver",
     axis="blasts",
-    parameters=[
-        Parameter(
-            "corner",
-            mean=4.5,
-            sigma=0.5,
-            unit="Hz",
-            log=True,
-            starts=(2.0, 4.5, 8.0),
-            low=0.5,
-            high=20.0,
-            null=0.0,
-        ),
-        Parameter("damping", mean=0.6, sigma=0.3, log=True, starts=(0.6,), low=0.1, high=2.0),
-        Parameter("gain", mean=1.0, sigma=0.2, log=True, starts=(1.0,), low=0.2, high=5.0),
-    ],
     decided_by=SWAP,
 )
 def geophone(scene, motion, target, corner, damping, gain):
@@ -86,11 +58,6 @@ def geophone(scene, motion, target, corner, damping, gain):
     on="motion",
     target="receiver",
     axis="blasts",
-    parameters=[
-        Parameter(
-            "gain", mean=1.0, sigma=0.7, log=True, starts=(0.5, 2.0), low=0.02, high=50.0, null=1.0
-        )
-    ],
     decided_by=SWAP,
 )
 def gain_error(scene, motion, target, gain):
@@ -107,18 +74,6 @@ def gain_error(scene, motion, target, gain):
     target="receiver",
     targets=receivers_with_axes,
     axis="blasts",
-    parameters=[
-        Parameter(
-            "turn",
-            mean=0.0,
-            sigma=1.0,
-            unit="rad",
-            starts=(0.3, -0.3, 1.57, -1.57, 3.1),
-            low=-3.3,
-            high=3.3,
-            null=0.0,
-        ),
-    ],
     decided_by=TAP,
 )
 def turned_sensor(scene, motion, target, turn):
@@ -144,7 +99,6 @@ for _components, _form in ((0, "east"), (1, "north"), (2, "up"), (slice(None), "
         target="receiver", axis="blasts",
         targets={"east": receivers_with_axes, "north": receivers_with_axes,
                  "up": receivers_of_several_components, "all": receivers}[_form],
-        parameters=[Parameter("factor", mean=-1.0, sigma=0.3, starts=(-1.0,), low=-3.0, high=0.0)],
         decided_by=TAP,
     )(_flipped)  # fmt: skip
 
@@ -183,10 +137,6 @@ def _along(places):
     target="receiver",
     targets=receivers_on_a_line,
     axis="blasts",
-    parameters=[
-        Parameter("along", mean=0.0, sigma=8.0, unit="m", starts=(-2.0, 2.0), low=-30.0, high=30.0,
-                  null=0.0)
-    ],
     decided_by="a survey of the receiver",
 )  # fmt: skip
 def moved_along_line(scene, motion, target, along):
@@ -236,9 +186,6 @@ def pairs_of_near_receivers(case):
     targets=pairs_of_near_receivers,
     axis="blasts",
     single=True,
-    parameters=[
-        Parameter("share", mean=1.0, sigma=0.2, starts=(1.0,), low=0.0, high=1.5, null=0.0)
-    ],
     decided_by="a tap beside each of the two receivers",
 )
 def swapped_channels(scene, motion, target, share):
@@ -254,11 +201,6 @@ def swapped_channels(scene, motion, target, share):
     on="motion",
     target="receiver",
     axis="blasts",
-    parameters=[
-        Parameter("resonance", mean=40.0, sigma=0.7, unit="Hz", log=True, starts=(20.0, 60.0),
-                  low=3.0, high=400.0, null=np.inf),
-        Parameter("damping", mean=0.2, sigma=0.5, log=True, starts=(0.2,), low=0.03, high=1.0),
-    ],
     decided_by="the same receiver after it was fastened or buried anew",
 )  # fmt: skip
 def weak_coupling(scene, motion, target, resonance, damping):
@@ -277,9 +219,6 @@ def weak_coupling(scene, motion, target, resonance, damping):
     on="motion",
     target="receiver",
     axis="blasts",
-    parameters=[
-        Parameter("level", mean=0.4, sigma=0.25, starts=(0.25, 0.5), low=0.02, high=1.0, null=1.0)
-    ],
     decided_by="the raw samples of this channel, or a lower gain",
 )
 def clipped_channel(scene, motion, target, level):

@@ -5,7 +5,6 @@ from scipy import fft
 
 from ...core import JOINT_LAWS
 from ...inference.nuisances import firings_of, hole_parts
-from ...inference.parameter import Parameter
 from ...model.joint import Joint
 from ..hypotheses import elastic_joints, hypothesis, unknown_quality
 
@@ -49,9 +48,6 @@ def _filled(project, target, law, relaxation):
     axis="both",
     linear=False,
     simulated=(elastic_joints,),
-    parameters=[
-        Parameter("closed", mean=0.5, sigma=0.15, starts=(0.4, 0.65), low=0.05, high=0.9, null=0.0)
-    ],
     decided_by="charges of three to one or more on one path across the joint",
 )
 def joint_nonlinear_closure(project, target, closed):
@@ -92,20 +88,6 @@ _SLIP = {
 
 @hypothesis(
     "joint_slip",
-    parameters=[
-        Parameter(
-            "strength",
-            mean=1e5,
-            sigma=1.0,
-            unit="Pa",
-            log=True,
-            starts=(3e4, 2e5),
-            low=1e3,
-            high=1e7,
-            null=np.inf,
-        ),
-        Parameter("residual", mean=0.5, sigma=0.2, starts=(0.5,), low=0.05, high=1.0),
-    ],
     **_SLIP,
 )
 def joint_slip(project, target, strength, residual):
@@ -120,20 +102,6 @@ def joint_slip(project, target, strength, residual):
 @hypothesis(
     "joint_slip",
     form="frictional",
-    parameters=[
-        Parameter(
-            "strength",
-            mean=1e5,
-            sigma=1.0,
-            unit="Pa",
-            log=True,
-            starts=(2e5,),
-            low=1e3,
-            high=1e7,
-            null=np.inf,
-        ),
-        Parameter("residual", mean=0.5, sigma=0.2, starts=(0.5,), low=0.05, high=1.0),
-    ],
     **_SLIP,
 )
 def joint_frictional_slip(project, target, strength, residual):
@@ -150,19 +118,6 @@ def joint_frictional_slip(project, target, strength, residual):
     on="site",
     target="joint",
     axis="both",
-    parameters=[
-        Parameter(
-            "relaxation",
-            mean=3e-3,
-            sigma=1.0,
-            unit="s",
-            log=True,
-            starts=(2e-3,),
-            low=1e-4,
-            high=0.1,
-            null=0.0,
-        )
-    ],
     decided_by="receivers close to the joint on both sides, over a wider band",
     simulated=(elastic_joints,),
 )
@@ -178,19 +133,6 @@ def joint_viscous_fill(project, target, relaxation):
     on="site",
     target="joint",
     axis="both",
-    parameters=[
-        Parameter(
-            "relaxation",
-            mean=2e-2,
-            sigma=1.2,
-            unit="s",
-            log=True,
-            starts=(1e-2,),
-            low=1e-3,
-            high=1.0,
-            null=np.inf,
-        )
-    ],
     decided_by="receivers close to the joint on both sides, over a wider band",
     simulated=(elastic_joints,),
 )
@@ -206,9 +148,6 @@ def joint_creeping_fill(project, target, relaxation):
     on="motion",
     target="site",
     axis="both",
-    parameters=[
-        Parameter("loss", mean=0.0, sigma=0.03, starts=(0.02,), low=-0.1, high=0.3, null=0.0)
-    ],
     decided_by="receivers at distances of three to one, without a joint between them",
     needs=(unknown_quality,),
 )

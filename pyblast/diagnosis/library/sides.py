@@ -5,7 +5,6 @@ import math
 import numpy as np
 
 from ...config.ground import BoundariesConfig, FaultConfig
-from ...inference.parameter import Parameter
 from ...model.joint import Joint
 from ...project.project import Project
 from ..hypotheses import hypothesis, remeshable
@@ -14,10 +13,6 @@ KINDS = "free", "roller", "fixed", "viscous"
 OUTWARD = {"west": (0, -1), "east": (0, 1), "south": (1, -1), "north": (1, 1), "bottom": (2, -1)}
 UNDER = "under "
 BEYOND = 1.0  # S wavelengths at the lowest frequency, of ground modelled beyond a joint at a side
-STIFFNESS = Parameter(
-    "stiffness", mean=1.0, sigma=2.0, log=True, starts=(0.1, 1.0, 8.0), low=0.02, high=50.0
-)
-RATIO = Parameter("ratio", mean=2.0, sigma=0.5, starts=(2.0,), low=1.0, high=3.0)
 
 
 def of_body(case) -> tuple[str, ...]:
@@ -206,7 +201,6 @@ _enter("viscous", "This side of the body passes waves into ground like its own."
     target="side",
     targets=of_body,
     axis="both",
-    parameters=[STIFFNESS, RATIO],
     decided_by="a look at what touches this side, or a receiver on it",
     simulated=(bounded, remeshable),
 )

@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 from scipy import fft
 
-from ...inference.parameter import Parameter
 from ...model.ground_fields import DamagedZone
 from ..hypotheses import (
     blast_and_hole,
@@ -16,7 +15,6 @@ from ..hypotheses import (
     known_source,
     superposed,
 )
-from .geometry import offsets
 
 
 @hypothesis(
@@ -26,19 +24,6 @@ from .geometry import offsets
     target="blast",
     axis="receivers",
     targets=blasts_of_many_holes,
-    parameters=[
-        Parameter(
-            "delays",
-            mean=0.0,
-            sigma=3e-3,
-            unit="s",
-            starts=(0.0,),
-            low=-0.02,
-            high=0.02,
-            per_hole=True,
-            null=0.0,
-        ),
-    ],
     decided_by="the log of the detonators, or a sensor beside the holes",
     simulated=(superposed,),
 )
@@ -56,18 +41,6 @@ def delay_scatter(blast, target, delays):
     target="blast",
     axis="receivers",
     targets=blasts_of_many_holes,
-    parameters=[
-        Parameter(
-            "pace",
-            mean=1.0,
-            sigma=0.1,
-            log=True,
-            starts=(1.0, 0.85, 1.15),
-            low=0.5,
-            high=2.0,
-            null=1.0,
-        )
-    ],
     decided_by="the log of the detonators, or a sensor beside the holes",
     simulated=(superposed,),
 )
@@ -86,11 +59,6 @@ def wrong_pace(blast, target, pace):
     target="blast",
     axis="receivers",
     targets=blasts_of_many_holes,
-    parameters=[
-        Parameter(
-            "scales", mean=1.0, sigma=0.3, starts=(1.0,), low=0.0, high=3.0, per_hole=True, null=1.0
-        )
-    ],
     decided_by="the loading sheets, and a look at the muck pile for what is left",
     simulated=(superposed,),
 )
@@ -109,9 +77,6 @@ def misfire_or_charge_error(blast, target, scales):
     axis="receivers",
     targets=holes,
     single=True,
-    parameters=[
-        Parameter("radiated", mean=0.0, sigma=0.2, starts=(0.0,), low=0.0, high=1.0, null=1.0)
-    ],
     decided_by="a look at the muck pile for the charge of this hole",
     simulated=(superposed,),
 )
@@ -129,11 +94,6 @@ def misfire(blast, target, radiated):
     on="holes",
     target="blast",
     axis="receivers",
-    parameters=[
-        Parameter(
-            "scale", mean=1.0, sigma=0.4, log=True, starts=(1.0,), low=0.1, high=10.0, null=1.0
-        )
-    ],
     decided_by="the loading sheets, or single holes of other charges",
     simulated=(superposed,),
 )
@@ -151,18 +111,6 @@ def charge_error(blast, target, scale):
     on="holes",
     target="blast",
     axis="receivers",
-    parameters=[
-        Parameter(
-            "shift",
-            mean=0.0,
-            sigma=10e-3,
-            unit="s",
-            starts=(0.0, 8e-3, -8e-3),
-            low=-0.2,
-            high=0.2,
-            null=0.0,
-        )
-    ],
     decided_by="a sensor beside the first hole, on the clock of the receivers",
 )
 def trigger_error(blast, target, shift):
@@ -179,7 +127,6 @@ def trigger_error(blast, target, shift):
     on="site",
     target="blast",
     axis="receivers",
-    parameters=offsets(-6.0, 6.0),
     decided_by="a survey of the holes",
     odd=True,
     simulated=(holes_inside,),
@@ -203,12 +150,6 @@ def _bench_and_blasts(case):
     target="blast",
     axis="receivers",
     targets=_bench_and_blasts,
-    parameters=[
-        Parameter("reduction", mean=0.3, sigma=0.15, starts=(0.3,), low=0.0, high=0.7, null=0.0),
-        Parameter(
-            "length", mean=6.0, sigma=0.6, unit="m", log=True, starts=(8.0,), low=2.0, high=30.0
-        ),
-    ],
     decided_by="a seismic survey of the bench before and after a blast, receivers on all sides",
     simulated=(holes_inside,),
 )
@@ -228,14 +169,6 @@ WEAKEST = 0.05  # of the largest in its spectrum: a source is not divided by les
     on="motion",
     target="blast",
     axis="receivers",
-    parameters=[
-        Parameter("duration", mean=1.0, sigma=0.4, log=True, starts=(0.7, 1.5), low=0.2, high=5.0,
-                  null=1.0),
-        Parameter("impulse", mean=1.0, sigma=1.0, log=True, starts=(0.4, 2.5), low=0.01, high=100.0,
-                  null=1.0),
-        Parameter("shift", mean=0.0, sigma=2e-3, unit="s", starts=(0.0,), low=-0.05, high=0.05,
-                  null=0.0),
-    ],
     decided_by="a force gauge at the source, or a receiver beside it",
     simulated=(known_source,),
 )  # fmt: skip
