@@ -30,10 +30,10 @@ def _drawing(name, content):
     try:
         drawing, audit = recover.read(io.BytesIO(content))
         for error in (*audit.errors, *audit.fixes):
-            guess = re.search(r'recovered invalid .* value "(.*)" near line (\d+)', error.message)
-            if guess and not re.fullmatch(r"\s*[-+]?[.\d]+([eE][-+]?\d+)?\s*", guess[1]):
-                what = f"expected a number, got {guess[1][:40]!r}"
-                raise ReadError(f"{name}, near line {guess[2]}: {what}")
+            mended = re.search(r'recovered invalid .* value "(.*)" near line (\d+)', error.message)
+            if mended and not re.fullmatch(r"\s*[-+]?[.\d]+([eE][-+]?\d+)?\s*", mended[1]):
+                what = f"expected a number, got {mended[1][:40]!r}"
+                raise ReadError(f"{name}, near line {mended[2]}: {what}")
         space = list(drawing.modelspace())
         _refuse_references(name, drawing, space)
         seen = [entity for entity in space if not entity.dxf.get("invisible", 0)]

@@ -210,7 +210,7 @@ FIN = np.vstack([ZONES, [*TRIANGLES[0][::-1], len(POINTS)]])
         ),
         ({"zone_tags": TAGS}, "2 zones have no tag"),
         ({"zone_tags": np.full(12, 0.5)}, "must hold one whole number"),
-        ({"zones": np.empty((0, 4), int), "zone_tags": np.empty(0, int)}, "no tetrahedra|broken"),
+        ({"zones": np.empty((0, 4), int), "zone_tags": np.empty(0, int)}, "two-dimensional|broken"),
         ({"zones": ZONES + 5}, "name node|broken"),
     ],
 )
