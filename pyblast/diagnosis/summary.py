@@ -234,17 +234,17 @@ def suspected_misfires(decision: Decision, case: Case) -> list[dict]:
         if effect.label != "misfire_or_charge_error":
             continue
         blast, hole = blast_and_hole(effect.target)
-        (found,) = table.values()
-        if isinstance(found, list):
+        (scales,) = table.values()
+        if isinstance(scales, list):
             ids = case.project.blasts[blast].hole_ids
         elif hole:
-            ids, found = (hole,), [found]
+            ids, scales = (hole,), [scales]
         else:  # the whole blast by one factor
             continue
         rows += [
             {"blast": blast, "hole": name,
              "radiated": scale["value"], "low": scale["low"], "high": scale["high"]}
-            for name, scale in zip(ids, found, strict=True) if scale["value"] < SILENT
+            for name, scale in zip(ids, scales, strict=True) if scale["value"] < SILENT
         ]  # fmt: skip
     return rows
 
