@@ -16,6 +16,7 @@ from ..project.places import on_ground
 from ..project.project import Project
 from ..project.validity import carried_band, validity
 from ..solver.injection import near_receivers
+from ..solver.slip import Slip, run_with_slip
 from ..sources.inside import NEARLY
 from ..survey import Survey
 from ..units import plain_number
@@ -23,11 +24,9 @@ from .fit import on_mesh_of_band
 from .identifiability import (
     FisherInformation,
     Sensitivities,
-    Slip,
     is_strength,
     posterior_intervals,
     reason_without_slip,
-    run_with_slip,
     weakest,
 )
 from .parameters import (
