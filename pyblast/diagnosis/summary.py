@@ -80,7 +80,7 @@ def summarise_diagnosis(
             "band_hz": [case.band.low, case.band.high],
             "band_limited": case.carried,
             "clipped": _clipped(case),
-            "low_pass_hz": {name: case.project.of(name).low_pass for name in case.blasts},
+            "low_pass_hz": {name: case.project.survey.shot(name).low_pass for name in case.blasts},
             "excluded_share": round(float(np.mean(~case.valid)), 4),
         },
         "next_measurement": _next_measurement(search, decision, remainder),
@@ -128,9 +128,9 @@ def _calibration(baseline, fit):
 def _clipped(case):
     """Return the blasts in which a channel is clipped, by receiver."""
     clipped = {}
-    projects = {each.name: each for each in (case.project, *case.project.further)}
+    recordings = case.project.survey.recordings
     for blast in case.blasts:
-        for name, record in projects[blast].records.items():
+        for name, record in recordings[blast].items():
             if np.any(record.clipped):
                 clipped.setdefault(name, []).append(blast)
     return clipped
