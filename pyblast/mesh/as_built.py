@@ -22,6 +22,7 @@ OF_WAVE = 0.02  # of lengths, over the shortest wavelength
 DEGREES = 0.5  # of angles
 OF_EDGE = 0.1  # of positions, over the distance of nodes there
 EXACT = 1e-6  # m
+OF_ROUGHNESS = 5.0  # over the tolerance of lengths: a tenth of the wavelength
 RASTER = 400  # heights of a surface along each side of the box
 SAMPLES = 200  # of a plane under a surface, along strike and dip
 OF_SCATTERED = 0.1  # of the area of many fractures, or of joints with intact parts
@@ -482,10 +483,21 @@ def _top(mesh, box, ground, short):
         yield Row("top", "share of its plan at another height", 0.0, share, OF_AREA)
     else:
         built = scipy.interpolate.LinearNDInterpolator(nodes[:, :2], nodes[:, 2])(ground.plan)
-        away, far = built - ground.raster, float(np.nanmax(np.abs(built - ground.raster)))
+        away = built - ground.raster
         mean = float(np.sqrt(np.nanmean(away**2)))
         yield Row("top", "root mean square distance from its survey, m", 0.0, mean, short)
-        yield Row("top", "largest distance from its survey, m", 0.0, far)
+        yield Row("top", "largest distance from its survey, m", 0.0, _largest(away))
+        if np.isfinite(short):  # roughness that no wave sees is no error of the mesh
+            cells = OF_ROUGHNESS * short * (RASTER - 1) / ground.size
+            cells = np.clip(cells, 1, RASTER).astype(int)
+            smooth = scipy.ndimage.uniform_filter(np.nan_to_num(away), cells)
+            words = "largest mean distance from its survey over a tenth of a wavelength, m"
+            yield Row("top", words, 0.0, _largest(smooth), short)
+
+
+def _largest(away):
+    """Return the value (n, m) of the largest size, NaN apart."""
+    return float(np.nanmax(np.abs(away)))
 
 
 def _points_above(asked, ground):
