@@ -127,6 +127,10 @@ def _gathered(project, highest):
     """
     project = _with_mesh(project, highest)
     receivers, records, parts = {}, {}, {}
+    standing = {
+        part.name for each in (project, *project.further) for part in each.config.receivers
+        if len(part.position_m) == 2
+    }  # fmt: skip
     for each in map(project.of, project.blasts):
         records[each.name] = {}
         entering = {name: getattr(each, name) for name in ENTERS}
@@ -155,7 +159,11 @@ def _gathered(project, highest):
     return replace(
         project, given={**project.given, **parts[project.name]}, further=further
     ).changed(
-        receivers=[Receiver(name, *rest) for name, rest in receivers.items()], records=records
+        receivers=[
+            Receiver(name, at[:2] if name in standing else at, *axes)
+            for name, (at, *axes) in receivers.items()
+        ],
+        records=records,
     )  # fmt: skip
 
 

@@ -38,6 +38,7 @@ from ..readers.provenance import ReadLog
 from ..recordings.recording import Recording
 from ..signals.seismogram import Seismogram
 from ..simulation.recipe import (
+    BETTER,
     FINER_ERROR,
     OF_FITS,
     Meshed,
@@ -46,6 +47,7 @@ from ..simulation.recipe import (
     sized_by_blast,
     sizes_for_band,
     sizes_for_error,
+    with_laws,
 )
 from ..solver.initial_stress import joint_pressures
 from ..solver.injection import with_injection
@@ -74,8 +76,9 @@ from .places import (
     hole_positions,
     longest_path,
     make_absorbing_layer,
-    place_receivers,
+    make_receivers,
     place_sources,
+    placed,
     positions_of,
     single_source,
     source_positions,
@@ -305,6 +308,12 @@ class Project:
         frequency = sized_by_blast(self.ground, self._top).frequency
         return sizes_for_error(self.ground, self.meshed.mesh, frequency, error)
 
+    def suited(self, finer: bool = False) -> "Project":
+        """Return the project with zones that its laws allow, finer ones if that is wanted."""
+        mesh = with_laws(self.config.mesh, self.materials)
+        project = self if mesh is self.config.mesh else self.changed(mesh=mesh)
+        return project.changed(mesh=project.refined(BETTER)) if finer else project
+
     @property
     def as_built(self) -> tuple[Row, ...]:
         """Survey of the ground, and of where sources and receivers stand in it."""
@@ -329,15 +338,16 @@ class Project:
             mesh = mesh.split([joint.surface for joint in self.joints])
             return with_damaged_material(self.config.ground, self.blast, mesh)
 
-    @_part
+    @cached_property
     def receivers(self) -> tuple[Receiver, ...]:
         """Receivers; those without height stand on the surface."""
         return self._receivers_in(self.mesh)
 
     def _receivers_in(self, mesh):
-        """Return the receivers of the file in a mesh."""
+        """Return the receivers that were given, or those of the file, in a mesh."""
+        given = self.given.get("receivers")
         with named_error(self.path.name):
-            return place_receivers(self.config.receivers, mesh)
+            return placed(make_receivers(self.config.receivers) if given is None else given, mesh)
 
     @property
     def sources(self) -> tuple:
@@ -485,8 +495,8 @@ class Project:
         mesh = self._split(mesh)
         with named_error(self.path.name):
             inside = read_inside(self, lambda: carried_frequency(self, mesh))
-        receivers = self.given.get("receivers") or self._receivers_in(mesh)
-        return self._assembled(mesh, self.given.get("inside") or inside, receivers)
+        inside = self.given.get("inside") or inside
+        return self._assembled(mesh, inside, self._receivers_in(mesh))
 
     def _assembled(self, mesh, inside, receivers):
         """Return the model of a mesh, of time functions of sources and of receivers."""

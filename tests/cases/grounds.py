@@ -51,7 +51,9 @@ def case_on(ground):
 
     return case_of(
         project.changed(
-            records={b: {r.name: record() for r in project.receivers} for b in project.blasts}
+            records={
+                b: {r.name: record() for r in project.given["receivers"]} for b in project.blasts
+            }
         )
     )
 
