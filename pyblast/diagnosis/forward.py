@@ -7,12 +7,10 @@ from functools import partial
 import numpy as np
 from scipy.interpolate import make_interp_spline
 
-from ..blasts.blast import Firing
 from ..core import JOINT_LAWS, ZONE_LAWS
 from ..errors import InputError
 from ..mesh.mesh import locate_in_zones
 from ..model.model import Receiver
-from ..project.inputs import make_input
 from ..project.places import on_ground, refuse_outside
 from ..project.project import Project
 from ..simulation.simulation import Simulation
@@ -70,10 +68,7 @@ def _through_face(simulation, project, name):
             f"{fired.path.name}: input.decay_exponent: a diagnosis needs the motion of each "
             "hole, which is alike on the whole face or comes from holes_inside; leave it out"
         )
-    signal = make_input(
-        fired.signature, Firing(np.zeros(1), np.ones(1)), fired.config.input.low_pass_hz
-    )
-    single = fired.having(input=signal)
+    single = replace(fired, survey=replace(fired.survey, shots=(replace(fired.shot, alone=True),)))
     run = simulation.run([simulation.model(single)])[0]
     motion = simulation.sampled(run.seismograms, single.lead)
     return np.multiply.outer(fired.firing.scales, motion)
@@ -101,8 +96,8 @@ def holds(simulation: Simulation, reference: Project, project: Project) -> bool:
 def not_superposed(case: Case) -> str:
     """Return why the motion of a blast is not the sum over its holes; empty where it is."""
     project = case.project
-    for each in (project, *project.further):
-        config = each.config
+    for shot in project.shots:
+        config = shot.config
         if config.blast is None:
             return "there is no [blast] with holes"
         if config.blast.scatter_ms:

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Protocol, Self, TypeVar
 
@@ -17,10 +18,7 @@ from ..signals.seismogram import Seismogram
 class State(Protocol):
     """State: ground with shots, of which models are made, such as a `Project`."""
 
-    @property
-    def model(self) -> Model:
-        """Model of the first shot; it begins `lead` before the first firing."""
-        ...
+    model: cached_property[Model]  # of the first shot, from `lead` before the first firing on
 
     @property
     def lead(self) -> float:
