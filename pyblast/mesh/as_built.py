@@ -10,6 +10,7 @@ from itertools import pairwise
 from types import MappingProxyType
 
 import numpy as np
+from numpy.typing import ArrayLike
 import scipy
 
 from . import hexahedra
@@ -97,7 +98,7 @@ def as_built(
 
 
 def positions_as_built(
-    mesh: Mesh, asked: Geometry | None, positions: Mapping[str, np.ndarray]
+    mesh: Mesh, asked: Geometry | None, positions: Mapping[str, ArrayLike]
 ) -> tuple[Row, ...]:
     """Survey where sources and receivers stand in a mesh.
 
