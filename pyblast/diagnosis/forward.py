@@ -32,7 +32,7 @@ def simulation_of(
     lead = max(case.project.of(blast).lead for blast in case.blasts)
     return Simulation(
         case.blasts, case.receivers, case.dt, case.n_samples, case.duration + lead, folder,
-        executor, finer, heard=partial(with_source, case),
+        executor, finer, received=partial(with_source, case),
     )  # fmt: skip
 
 

@@ -10,8 +10,8 @@ from itertools import pairwise
 from types import MappingProxyType
 
 import numpy as np
-from numpy.typing import ArrayLike
 import scipy
+from numpy.typing import ArrayLike
 
 from . import hexahedra
 from .faces import pair_faces, zone_faces, zone_of_face

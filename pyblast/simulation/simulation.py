@@ -60,7 +60,7 @@ class Simulation:
         Whether to run on finer meshes than those of the states.
     injected : bool
         Whether explosions may be injected; stored responses of holes are not.
-    heard : callable
+    received : callable
         ``(shot, motion) -> motion``: what source and instruments make of simulated motion.
     runs, cached : int
         Number of runs, and number of those that were in the folder already.
@@ -77,7 +77,7 @@ class Simulation:
     executor: Executor | None = None
     finer: bool = False
     injected: bool = False
-    heard: Callable[[str, np.ndarray], np.ndarray] = lambda _, motion: motion
+    received: Callable[[str, np.ndarray], np.ndarray] = lambda _, motion: motion
     runs: int = 0
     cached: int = 0
     cached_s: float = 0.0
@@ -106,7 +106,7 @@ class Simulation:
         """Simulate states of one shot each, see `of`, and return their motion as `motion` does."""
         done = self.run([self.model(each) for each in own])
         return [
-            self.heard(shot, self.sampled(run.seismograms, each.lead))
+            self.received(shot, self.sampled(run.seismograms, each.lead))
             for each, run, shot in zip(own, done, shots, strict=True)
         ]
 
