@@ -9,8 +9,8 @@ from scipy.spatial import KDTree
 from ..errors import Finding, InputError
 from ..mesh.mesh import zone_edge_lengths
 from ..signals.spectra import highest_frequency
+from ..sources.inside import LEAST_PEAK, NEARLY, held_shares
 from ..units import plain_number
-from .inputs import LEAST_PEAK, NEARLY, held_shares, input_band, unfiltered
 from .places import normal_axis, radiating_positions
 from .project import Project
 
@@ -142,7 +142,7 @@ def _least(project: Project, zones, points):
 
 def band_of(project: Project) -> Band:
     """Return the band of the run of a project beside that of its blast."""
-    before, after = unfiltered(project), project.motions
+    before, after = project.shot.unfiltered, project.shot.motions
     needed = max(highest_frequency(motion) for motion in before)
     rows = validity(project)
     if rows:
@@ -179,7 +179,7 @@ def carried_band(
         If they carry nothing of the band.
     """
     low = 1.0 / min(project.config.run.duration_s for project in projects)
-    top = max(input_band(project) for project in projects)
+    top = max(project.shot.highest_frequency for project in projects)
     low, top = (low, top) if band is None else band
     rows = [(row, each) for each in projects for row in validity(each) if row.name in names]
     row, project = min(rows, key=lambda pair: pair[0].carried)

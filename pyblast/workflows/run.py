@@ -12,7 +12,6 @@ from ..errors import Finding, InputError, ReadError
 from ..model.model import Model
 from ..project.checks import Check, check
 from ..project.checks_ground import ModelSummary, summarise_model
-from ..project.inputs import input_band
 from ..project.level import CODE as LEVEL
 from ..project.level import (
     Peak,
@@ -140,7 +139,7 @@ def run(
         project = load_project(project, full)
     out = project.folder / "results" if out is None else Path(out)
     tell("input", 0, 1)
-    log.info("%d motions enter, %d records", len(project.motions), len(project.recorded))
+    log.info("%d motions enter, %d records", len(project.shot.motions), len(project.recorded))
     tell("mesh", 0, 1)
     model = project.model
     tell("check", 0, 1)
@@ -161,7 +160,7 @@ def run(
                 resume=checkpoint if goes_on else None,
                 snapshot_times=[t + project.lead for t in project.config.run.snapshots_s],
                 prepared=prepared,
-                peaks_to=input_band(project),
+                peaks_to=project.shot.highest_frequency,
             )
         except KeyboardInterrupt:
             raise Interrupted(

@@ -162,8 +162,8 @@ def test_variants_keep_the_low_pass_that_the_mesh_asked_for(tmp_path):
 
     slow = vary(target.projects[0], {"materials.rock.cs_m_per_s": 1000})
     assert load_project(path).config.holes_inside.low_pass_hz is None
-    assert slow.low_pass == corner
-    assert vary(project, {"materials.rock.cs_m_per_s": 1000}).low_pass < corner
+    assert slow.shot.low_pass == corner
+    assert vary(project, {"materials.rock.cs_m_per_s": 1000}).shot.low_pass < corner
     assert evaluate(target, np.array([[1700.0]]))[0]["misfit"] < 0.1
 
 
