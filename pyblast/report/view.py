@@ -303,8 +303,8 @@ def _thin(parts):
         cell = 1.2 * cell or float(np.ptp(corners, axis=0).max()) / 400.0
         for part, given in zip(parts, whole, strict=True):
             part.update(given)
-            place = np.floor((part["points"] - low) / cell).astype(np.int64)
-            _renumber(part, np.unique(place, axis=0, return_inverse=True)[1].reshape(-1))
+            at = np.floor((part["points"] - low) / cell).astype(np.int64)
+            _renumber(part, np.unique(at, axis=0, return_inverse=True)[1].reshape(-1))
     return cell
 
 
@@ -369,12 +369,12 @@ def _packed(part, fields, low, step):
         share = (inside - ends[0]) / (ends[1] - ends[0])
         return _text(np.where(np.isfinite(values), 1.0 + np.round(LEVELS * share), 0.0), "<u2")
 
-    told = {key: part[key] for key in ("name", "kind", "dip", "direction", "area") if key in part}
+    shown = {key: part[key] for key in ("name", "kind", "dip", "direction", "area") if key in part}
     for key in ("slip", "opening", "ppv"):
         values = part["of_point"].get(key, np.zeros(0))
         if np.isfinite(values).any():
-            told[f"largest_{key}"] = float(np.nanmax(values))
-    return told | {
+            shown[f"largest_{key}"] = float(np.nanmax(values))
+    return shown | {
         "points": _text(np.round((part["points"] - low) / step), "<u2"),
         "triangles": _text(part["triangles"], "<u4" if len(part["points"]) > 65_535 else "<u2"),
         "wide": len(part["points"]) > 65_535,
@@ -401,7 +401,7 @@ def _wall(ground):
     return math.degrees(math.atan2(steep[0], steep[1])) % 360.0
 
 
-class View:
+class ModelView:
     """View of a project, a model or a result: turns in a notebook, stands in a page.
 
     Parameters
@@ -413,8 +413,8 @@ class View:
     >>> from pyblast.mesh.builder import structured_box
     >>> from pyblast.model.material import Material
     >>> rock = Material.from_speeds(2700.0, 5000.0, 3000.0)
-    >>> View(Model(structured_box((2, 2, 2), (40.0, 40.0, 40.0)), {"rock": rock}))
-    <View 'Model': 48 triangles>
+    >>> ModelView(Model(structured_box((2, 2, 2), (40.0, 40.0, 40.0)), {"rock": rock}))
+    <ModelView 'Model': 48 triangles>
     """
 
     def __init__(self, shown: Project | Model | Result):
@@ -422,7 +422,7 @@ class View:
 
     def __repr__(self) -> str:
         """Return title and size."""
-        return f"<View {self.scene['title']!r}: {self.scene['said']}>"
+        return f"<ModelView {self.scene['title']!r}: {self.scene['said']}>"
 
     def _repr_html_(self) -> str:
         """Return the view for a notebook: a frame of its own, without network."""

@@ -48,7 +48,7 @@ from ..report.maps import (
     zone_fields,
 )
 from ..report.run import write_report
-from ..report.view import View
+from ..report.view import ModelView
 from ..signals.comparison import Comparison, compare
 from ..signals.response_spectra import response_spectra
 from ..signals.seismogram import GEOGRAPHIC, Seismogram
@@ -389,7 +389,7 @@ def write_mesh_files(project: Project, out: str | Path) -> ModelSummary:
     fields = {name: values[shown.zone] for name, values in zone_fields(project.model).items()}
     write_zones(out / "zones.vtu", mesh.points, mesh.zones, fields)
     write_joints(out / "joints.vtu", mesh)
-    write_text(out / "view.html", View(project).page())
+    write_text(out / "view.html", ModelView(project).page())
     return summarise_model(project)
 
 

@@ -16,7 +16,7 @@ from pyblast.project.project import load_project
 from pyblast.project.result import Result, read_result
 from pyblast.report import view
 from pyblast.report.pages import page
-from pyblast.report.view import View, scene
+from pyblast.report.view import ModelView, scene
 from pyblast.workflows import run
 
 ROCK = Material.from_speeds(2700.0, 5000.0, 3000.0)
@@ -170,7 +170,7 @@ def test_hostile_names_end_no_script_and_open_no_tag():
     box = structured_box((1, 1, 1), (9.0, 9.0, 9.0))
     mesh = type(box)(box.points, box.zones, box.zone_group, (HOSTILE,), box.surfaces)
     model = Model(mesh, {HOSTILE: ROCK}, receivers=(Receiver(HOSTILE, (1.0, 1.0, 9.0)),))
-    shown = View(model)
+    shown = ModelView(model)
 
     text = page("view.html").render(scene=shown.scene)
     assert HOSTILE not in text
@@ -237,7 +237,7 @@ document.title = JSON.stringify(out);
 def test_a_browser_turns_cuts_clicks_and_reads_numbers(result, tmp_path):
     drawn = scene(result)
 
-    out = in_browser(tmp_path, View(result).page(), PROBE)
+    out = in_browser(tmp_path, ModelView(result).page(), PROBE)
 
     assert out["ms"] < 2000
     east, north, height = map(float, re.findall(r"-?\d+\.\d", out["above"])[:3])
