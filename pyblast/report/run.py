@@ -445,8 +445,8 @@ def _filter_words(table):
     taken = ", ".join(f"{100 * v:.3g} %" for v in table["removed_energy"] if v is not None)
     return (
         f"{text}, before and after the low-pass at {table['low_pass']:g} Hz (-3 dB), which took "
-        f"{taken} of the energy of the components that move and delays motion by "
-        f"{340.0 / table['low_pass']:.2g} ms."
+        f"{taken} of the energy of the components that move; its delay of "
+        f"{336.0 / table['low_pass']:.2g} ms is taken back."
     )
 
 
