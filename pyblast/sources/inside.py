@@ -285,9 +285,9 @@ def within_band(rate, corner, carried) -> tuple[TimeFunction, float | None]:
 
 
 def _low_passed(rate, corner):
-    """Low-pass a time function, forward only; it then ends in quiet."""
-    motion = with_quiet_end(shape(rate, rate.values), corner)
-    return replace(rate, values=motion.lowpassed(corner, causal=True).velocity[:, 0])
+    """Low-pass a time function, its delay taken back; it then ends in quiet."""
+    passed = with_quiet_end(shape(rate, rate.values), corner).lowpassed(corner, causal=True)
+    return replace(rate, values=passed.velocity[:, 0], start=passed.start)
 
 
 def held_frequency(motion) -> float:

@@ -44,6 +44,7 @@ from ..report.survey_design import (
     summarise_survey,
     write_survey_report,
 )
+from ..report.view import scene
 from ..runs.greens import refuse_what_does_not_superpose
 from ..runs.parallel import input_hash
 from ..signals.comparison import in_common
@@ -134,7 +135,7 @@ def back_analyse(
         tell("writing", 0, 1)
         summary = _write(folder, result, before, table, finished=True)
         try:
-            write_search_report(folder / "report.html", summary, result.confirmed)
+            write_search_report(folder / "report.html", summary, result.confirmed, scene(project))
         except Exception as error:  # a page costs itself alone: values and intervals are written
             result = replace(result, missing=(*result.missing, f"report.html: {error}"))
             _write(folder, result, before, table, finished=True)
