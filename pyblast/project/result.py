@@ -24,7 +24,7 @@ from ..solver.moment_density import source_radii
 from ..solver.preparation import versions
 from ..units import plain_number
 from . import level
-from .places import blast_table, house_positions, source_names, undamped_plane
+from .places import blast_table, extent_of, house_positions, source_names, undamped_plane
 from .validity import band_of, validity
 
 KIND = "result"
@@ -250,6 +250,7 @@ def summarise_run(project, checked, run, simulated, comparisons):
         "limit_curves": list(project.config.run.limit_curves),
         "blast": None if blast is None else blast_table(project.blast),
         "undamped": undamped_plane(project),
+        "extent": extent_of(project),
         "houses": house_positions(project),
         "instruments": {
             part.name: instrument_table(project.records[part.name], vars(part.recorded))

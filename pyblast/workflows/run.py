@@ -48,6 +48,7 @@ from ..report.maps import (
     zone_fields,
 )
 from ..report.run import write_report
+from ..report.view import ModelView
 from ..signals.comparison import Comparison, compare
 from ..signals.response_spectra import response_spectra
 from ..signals.seismogram import GEOGRAPHIC, Seismogram
@@ -251,7 +252,7 @@ def _conclude(project: Project, checked: Check, run_: Run, folder: Path) -> Outc
         },
         "contacts": {} if contacts is None else {
             n: getattr(contacts, n) for n in ("joint", "minus", "plus", "normal", "area")
-        },
+        } | {"place": project.model.nodes.points[contacts.minus]},
     }  # fmt: skip
     summary = summarise_run(project, checked, run_, simulated, comparisons)
     summary["seismograms"] = seismogram_heads(groups)
@@ -376,13 +377,19 @@ def write_curves(folder: Path, result: Result) -> None:
 
 
 def write_mesh_files(project: Project, out: str | Path) -> ModelSummary:
-    """Write ``zones.vtu`` and ``joints.vtu`` of a project; return the summary of its model."""
+    """Write ``zones.vtu``, ``joints.vtu`` and the page ``view.html`` of a project's model.
+
+    Returns
+    -------
+    ModelSummary
+    """
     out = Path(out)
     shown = project.model.shown
     mesh = shown.mesh
     fields = {name: values[shown.zone] for name, values in zone_fields(project.model).items()}
     write_zones(out / "zones.vtu", mesh.points, mesh.zones, fields)
     write_joints(out / "joints.vtu", mesh)
+    write_text(out / "view.html", ModelView(project).page())
     return summarise_model(project)
 
 
