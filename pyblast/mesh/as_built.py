@@ -468,8 +468,7 @@ def _moved(mesh, positions):
 
 def _top(mesh, box, ground, short):
     """Yield the mean height of the ground in the box, and its distances from the survey."""
-    triangles, nodes = _facets(mesh, "top")
-    triangles = _in_box(triangles, box)
+    triangles = _in_box(_facets(mesh, "top")[0], box)
     vectors = _vectors(triangles)
     area = vectors[:, 2].sum()
     height = float((vectors[:, 2] * triangles[..., 2].mean(axis=1)).sum() / area) if area else 0.0
@@ -477,14 +476,12 @@ def _top(mesh, box, ground, short):
     weight[[0, -1]] = 0.5
     wanted = float(weight @ ground.raster @ weight / weight.sum() ** 2)
     yield Row("top", "mean height, m", wanted, height, short)
+    x, y = ground.plan[:, 0, 0], ground.plan[0, :, 1]
+    away = _raster_of_triangles(triangles, x, y) - ground.raster
     if ground.stepped:
-        x, y = ground.plan[:, 0, 0], ground.plan[0, :, 1]
-        away = np.abs(_raster_of_triangles(triangles, x, y) - ground.raster)
-        share = float((away > short).mean())
+        share = float((np.abs(away) > short).mean())
         yield Row("top", "share of its plan at another height", 0.0, share, OF_AREA)
     else:
-        built = scipy.interpolate.LinearNDInterpolator(nodes[:, :2], nodes[:, 2])(ground.plan)
-        away = built - ground.raster
         mean = float(np.sqrt(np.nanmean(away**2)))
         yield Row("top", "root mean square distance from its survey, m", 0.0, mean, short)
         yield Row("top", "largest distance from its survey, m", 0.0, _largest(away))
