@@ -92,6 +92,18 @@ class Result:
             for name, motion in self.seismograms(group).items()
         })  # fmt: skip
 
+    def to_pyvista(self):
+        """Return the mesh as a pyvista UnstructuredGrid: fields of zones, velocity by time."""
+        import pyvista  # pyright: ignore[reportMissingImports]
+
+        mesh = self.arrays["mesh"]
+        grid = pyvista.UnstructuredGrid({pyvista.CellType.TETRA: mesh["zones"]}, mesh["points"])
+        for name, values in self.arrays["zones"].items():
+            grid.cell_data[name] = values
+        for time, velocity in self.arrays["snapshots"].items():
+            grid.point_data[f"velocity at {float(time):g} s [m/s]"] = velocity
+        return grid
+
 
 def seismogram_heads(groups):
     """Return sampling and components of seismograms by group and name, for the summary."""
@@ -251,6 +263,7 @@ def summarise_run(project, checked, run, simulated, comparisons):
         "blast": None if blast is None else blast_table(project.blast),
         "undamped": undamped_plane(project),
         "extent": extent_of(project),
+        "shift_m": None if blast is None else list(blast.shift_m),
         "houses": house_positions(project),
         "instruments": {
             part.name: instrument_table(project.records[part.name], vars(part.recorded))

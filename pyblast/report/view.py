@@ -21,7 +21,7 @@ from ..units import plain_number
 from .maps import UPWARD, shown_surface, zone_fields
 from .pages import page
 
-MOST_TRIANGLES = 40_000  # 0.7 MB of a page
+MOST_TRIANGLES = 80_000  # 1.5 MB of a page
 STEPS = 32_000  # of the longest side of the box
 LEVELS = 65_534  # of a field; 0 is no value
 STEEP = 0.5  # largest vertical part of the normal of a wall

@@ -38,10 +38,12 @@ from ..project.result import (
     write_text,
 )
 from ..recordings.recording import first_recording, read_recording
+from ..report.exports import write_features
 from ..report.maps import (
     surface_of,
     write_joints,
     write_motion,
+    write_parts,
     write_surface,
     write_zones,
     yield_fields,
@@ -279,6 +281,7 @@ def write_outcome(outcome: Outcome, model: Model) -> None:
     write_tables(folder, result_tables(summary))
     write_curves(folder / "curves", outcome.result)
     write_surface(folder, outcome.result)
+    write_features(folder / "features.geojson", outcome.result)
     shown = model.shown
     mesh, displacement = shown.mesh, run_.state["displacement"][shown.node]
     peak = run_.peak_velocity[shown.node]
@@ -288,6 +291,7 @@ def write_outcome(outcome: Outcome, model: Model) -> None:
     write_zones(folder / "zones.vtu", mesh.points, mesh.zones, fields, moved)
     if mesh.contacts is not None:
         write_joints(folder / "joints.vtu", mesh, displacement)
+        write_parts(folder, mesh, displacement)
     snapshots = {t: v[shown.node] for t, v in run_.snapshots.items()}
     write_motion(folder, mesh.points, mesh.zones, snapshots)
 

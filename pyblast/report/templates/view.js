@@ -110,7 +110,7 @@
     };
 
     function raster(part, number, l, camera, options) {
-      var xyz = part.xyz, count = xyz.length / 3, sx = new Float32Array(count), sy = new Float32Array(count), sz = new Float32Array(count);
+      var xyz = part.xyz, count = xyz.length / 3, sx = new Float64Array(count), sy = new Float64Array(count), sz = new Float64Array(count);
       var a = camera.axes, ground = part.kind === "ground", cut = ground ? options.cut : null, low = model.clip[0], high = model.clip[1], k;
       for (k = 0; k < count; k++) {
         var dx = xyz[3 * k] - camera.at[0], dy = xyz[3 * k + 1] - camera.at[1], dz = xyz[3 * k + 2] - camera.at[2];
@@ -367,6 +367,7 @@
 
     function overlay(cam, w, h, ratio) {
       marks = [];
+      var numbered = [];
       pen.font = 11 * ratio + "px system-ui, sans-serif"; pen.lineCap = "round";
       scene.holes.forEach(function (hole) {
         var from = toScreen(hole.collar, cam, w, h), to = toScreen(hole.toe, cam, w, h), colour = "hsl(" + (250 - 200 * hole.late) + ",75%,38%)";
@@ -375,7 +376,9 @@
         pen.strokeStyle = colour; pen.lineWidth = 3 * ratio; line(from, to);
         pen.globalAlpha = behind(from, w, h) ? 0.45 : 1;
         pen.fillStyle = colour; pen.beginPath(); pen.arc(from[0], from[1], 3.5 * ratio, 0, 7); pen.fill();
-        if (scene.holes.length <= 60) write(String(hole.order), from[0] + 5 * ratio, from[1] - 4 * ratio, ratio);
+        if (!numbered.some(function (at) { return Math.hypot(at[0] - from[0], at[1] - from[1]) < 13 * ratio; })) {
+          numbered.push(from); write(String(hole.order), from[0] + 5 * ratio, from[1] - 4 * ratio, ratio);
+        }
         marks.push({ at: from, name: hole.name, words: "hole " + hole.name + ", number " + hole.order + " to fire", rows: hole.rows, place: hole.collar });
       });
       Object.keys(scene.receivers).forEach(function (name) {
