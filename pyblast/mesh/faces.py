@@ -77,7 +77,7 @@ def pair_faces(
     return order[shared], order[shared + 1], order[starts[counts == 1]], order[excess]
 
 
-def outer_faces(zones: np.ndarray, body: np.ndarray, own: np.ndarray) -> np.ndarray:
+def faces_of_skin(zones: np.ndarray, body: np.ndarray, own: np.ndarray) -> np.ndarray:
     """Return the outer faces (n,) of some of the tetrahedra that a mesh is shown as.
 
     Where neighbours that are cut into tetrahedra share a face and cut it by different diagonals,

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial import cKDTree
 
-from ..mesh.faces import face_vectors, outer_faces, zone_faces
+from ..mesh.faces import face_vectors, faces_of_skin, zone_faces
 from ..model.model import Model
 from ..model.source import MomentTensor, PointForce
 from ..project.places import blast_table, extent_of
@@ -191,7 +191,7 @@ def _ground(given):
     welded = np.unique(points, axis=0, return_inverse=True)[1].reshape(-1)[zones]
     body = np.arange(len(zones)) // given.pieces
     face = np.concatenate([
-        outer_faces(welded, body, inside[given.fields["group"][inside] == group])
+        faces_of_skin(welded, body, inside[given.fields["group"][inside] == group])
         for group in range(len(given.groups))
     ])  # fmt: skip
     triangles = zone_faces(zones)[face]
@@ -201,7 +201,7 @@ def _ground(given):
     if given.peaks is not None and given.peaks[2] is not None:
         normal = face_vectors(points, triangles)
         up = normal[:, 2] > UPWARD * np.linalg.norm(normal, axis=1)
-        outer = np.isin(face, outer_faces(welded, body, np.arange(len(zones))))
+        outer = np.isin(face, faces_of_skin(welded, body, np.arange(len(zones))))
         places, fine, peak = given.peaks
         if given.box is not None:
             fine = fine[_touches(given.box[:2], places[fine][..., :2])]

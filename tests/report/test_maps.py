@@ -3,7 +3,7 @@ import pytest
 from small_project import written
 
 from pyblast.mesh.builder import structured_box
-from pyblast.mesh.faces import outer_faces, zone_faces
+from pyblast.mesh.faces import faces_of_skin, zone_faces
 from pyblast.project.result import read_result
 from pyblast.report.maps import (
     ascii_grid,
@@ -49,7 +49,7 @@ def test_the_skin_is_closed_and_leaves_joints_out(folder):
     points, zones = (result.arrays["mesh"][name] for name in ("points", "zones"))
 
     welded = np.unique(points, axis=0, return_inverse=True)[1].reshape(-1)[zones]
-    face = outer_faces(welded, np.arange(len(zones)), np.arange(len(zones)))
+    face = faces_of_skin(welded, np.arange(len(zones)), np.arange(len(zones)))
     triangles = zone_faces(zones)[face]
 
     corners = points[triangles]

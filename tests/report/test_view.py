@@ -10,7 +10,7 @@ import pytest
 from small_project import written
 
 from pyblast.mesh.builder import structured_box
-from pyblast.mesh.faces import outer_faces, zone_faces
+from pyblast.mesh.faces import faces_of_skin, zone_faces
 from pyblast.model.boundary import Viscous
 from pyblast.model.joint import Joint
 from pyblast.model.material import Material
@@ -95,7 +95,7 @@ def test_halves_of_a_shared_face_that_are_cut_by_other_diagonals_are_no_skin():
     other = [near[tuple(mirrored_y[n])] for n in cube.zones.ravel()]
     for second in (right, other):
         zones = np.concatenate([left, np.array(second).reshape(-1, 4)[:, [1, 0, 2, 3]]])
-        face = outer_faces(zones, np.arange(12) // 6, np.arange(12))
+        face = faces_of_skin(zones, np.arange(12) // 6, np.arange(12))
 
         triangles = points[zone_faces(zones)[face]]
         assert len(face) == 2 * 10  # two cubes have ten outer faces
@@ -103,7 +103,7 @@ def test_halves_of_a_shared_face_that_are_cut_by_other_diagonals_are_no_skin():
 
 
 def test_a_single_tetrahedron_has_four_faces():
-    assert len(outer_faces(np.array([[0, 1, 2, 3]]), np.zeros(1, int), np.zeros(1, int))) == 4
+    assert len(faces_of_skin(np.array([[0, 1, 2, 3]]), np.zeros(1, int), np.zeros(1, int))) == 4
 
 
 def test_a_block_that_can_move_out_is_marked():
