@@ -13,6 +13,7 @@ import numpy as np
 from ..blasts.compliance import METHOD, assess_all, conclusion
 from ..errors import Finding, ReadError
 from ..ground.tables import joint_of_surface
+from ..model.boundary import kinds_of
 from ..model.material import ConstantQ
 from ..model.source import Column, Hole, MomentTensor, PointForce
 from ..recordings.tables import LOW_PASSED, instrument_table
@@ -263,6 +264,7 @@ def summarise_run(project, checked, run, simulated, comparisons):
         "blast": None if blast is None else blast_table(project.blast),
         "undamped": undamped_plane(project),
         "extent": extent_of(project),
+        "boundaries": kinds_of(project.model.boundaries),
         "shift_m": None if blast is None else list(blast.shift_m),
         "houses": house_positions(project),
         "instruments": {
