@@ -10,6 +10,7 @@ from matplotlib.tri import Triangulation
 from PIL import Image
 
 from ..errors import InputError
+from ..mesh.faces import faces_of_skin, zone_faces
 from ..project.result import write_bytes, write_text
 from . import figures
 from .maps import levels_of, shown_surface, traces, upward
@@ -125,7 +126,10 @@ def _stage(result):
     """Return a function that draws one frame: time in s, speed of the nodes in mm/s, its norm."""
     mesh, summary = result.arrays["mesh"], result.summary
     points, zones = mesh["points"], mesh["zones"]
-    top = upward(points, figures.outer_skin(points, zones)[0])
+    welded = np.unique(points, axis=0, return_inverse=True)[1].reshape(-1)[zones]
+    zone = np.arange(len(zones))
+    outer = faces_of_skin(welded, zone // (len(zones) // summary["model"]["zones"]), zone)
+    top = upward(points, zone_faces(zones)[outer])
     box = np.array(summary.get("extent") or np.stack([points.min(0), points.max(0)], axis=1))
     north = float(box[1].mean())
     polygons, zone = figures.section_of_zones(points, zones, north)

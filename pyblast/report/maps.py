@@ -13,6 +13,7 @@ from ..errors import ReadError
 from ..mesh.faces import face_table, face_vectors, pair_faces, zone_of_face
 from ..mesh.hexahedra import face_nodes
 from ..mesh.mesh import zone_edge_lengths
+from ..mesh.quality import count_blocks
 from ..project.checks_ground import frequency_of_edge
 from ..project.result import write_text
 from ..solver.initial_stress import yield_states
@@ -62,17 +63,13 @@ def shown_surface(result):
 
     Without the padding of an absorbing layer; the peaks are None where the result holds none.
     """
-    stored, box = result.arrays.get("surface_peaks"), result.summary.get("undamped")
-    if stored is not None:
-        points, triangles, peak = (stored[name] for name in ("points", "triangles", "velocity"))
-    else:
-        points, peak = result.arrays["mesh"]["points"], None
-        triangles = upward(points, figures.outer_skin(points, result.arrays["mesh"]["zones"])[0])
+    stored, box = result.arrays["surface_peaks"], result.summary.get("undamped")
+    points, triangles, peak = (stored[name] for name in ("points", "triangles", "velocity"))
     if box is not None:
         corners = points[triangles][:, :, :2]
         overlaps = (corners.max(axis=1) > box[0]) & (corners.min(axis=1) < box[1])
         triangles = triangles[overlaps.all(axis=1)]
-    return points, triangles, peak if peak is not None and np.any(peak > 0.0) else None
+    return points, triangles, peak if np.any(peak > 0.0) else None
 
 
 def plan_figure(result):
@@ -366,12 +363,18 @@ def _on_grid(corners, values, east, north):
 
 
 def zone_fields(model):
-    """Return the fields of zones: group, block, highest frequency carried; dict of (n_zones,)."""
-    mesh = model.mesh
+    """Return the fields of zones (n_zones,): group, block, highest frequency carried, removable.
+
+    A block is removable if it can leave through a side without a boundary (`count_blocks`).
+    """
+    mesh, held = model.mesh, {boundary.surface for boundary in model.boundaries}
+    block = mesh.blocks().astype(np.int32)
+    free = tuple(name for name in mesh.surfaces if name not in held)
     edge = zone_edge_lengths(mesh).mean(axis=1)
     return {
         "group": mesh.zone_group.astype(np.int32),
-        "block": mesh.blocks().astype(np.int32),
+        "block": block,
+        "removable": count_blocks(mesh, free).removable[block].astype(np.int32),
         "f_max": frequency_of_edge(model.zone_values("cs"), edge, model.edges_per_wavelength),
     }
 

@@ -238,6 +238,7 @@ def _conclude(project: Project, checked: Check, run_: Run, folder: Path) -> Outc
         "recorded": project.recorded,
     }
     shown, contacts = project.model.shown, project.model.nodes.contacts
+    fields = {**zone_fields(project.model), **yield_fields(run_)}
     mesh, (points, triangles, node) = shown.mesh, surface_of(project.model)
     surface = points, triangles, run_.peak_velocity[node]
     arrays = {group: {n: s.velocity for n, s in g.items()} for group, g in groups.items()}
@@ -245,7 +246,7 @@ def _conclude(project: Project, checked: Check, run_: Run, folder: Path) -> Outc
         "sources": source_tables(project),
         "mesh": {"points": mesh.points, "zones": mesh.zones},
         "surfaces": dict(mesh.surfaces),
-        "zones": {n: v[shown.zone] for n, v in zone_fields(project.model).items()},
+        "zones": {n: v[shown.zone] for n, v in fields.items()},
         "energy": run_.energy,
         "state": run_.state,
         "surface_peaks": dict(zip(("points", "triangles", "velocity"), surface, strict=True)),
@@ -286,8 +287,7 @@ def write_outcome(outcome: Outcome, model: Model) -> None:
     mesh, displacement = shown.mesh, run_.state["displacement"][shown.node]
     peak = run_.peak_velocity[shown.node]
     moved = {"displacement": displacement, "peak_velocity": peak}
-    fields = {**zone_fields(model), **yield_fields(run_)}
-    fields = {name: values[shown.zone] for name, values in fields.items()}
+    fields = outcome.result.arrays["zones"]
     write_zones(folder / "zones.vtu", mesh.points, mesh.zones, fields, moved)
     if mesh.contacts is not None:
         write_joints(folder / "joints.vtu", mesh, displacement)

@@ -149,7 +149,7 @@ def test_the_mesh_alone_is_written_for_paraview(tmp_path):
 
     assert done.exit_code == 0
     found = meshio.read(tmp_path / "mesh" / "zones.vtu")
-    assert set(found.cell_data) == {"group", "block", "f_max"}
+    assert set(found.cell_data) == {"group", "block", "removable", "f_max"}
     assert len(found.cells_dict["tetra"]) == 216
 
 

@@ -10,6 +10,9 @@ import pytest
 from small_project import written
 
 from pyblast.mesh.builder import structured_box
+from pyblast.mesh.faces import faces_of_skin, zone_faces
+from pyblast.model.boundary import Viscous
+from pyblast.model.joint import Joint
 from pyblast.model.material import Material
 from pyblast.model.model import Model, Receiver
 from pyblast.project.project import load_project
@@ -92,11 +95,28 @@ def test_halves_of_a_shared_face_that_are_cut_by_other_diagonals_are_no_skin():
     other = [near[tuple(mirrored_y[n])] for n in cube.zones.ravel()]
     for second in (right, other):
         zones = np.concatenate([left, np.array(second).reshape(-1, 4)[:, [1, 0, 2, 3]]])
-        face = view._skin(zones, np.arange(12) // 6, np.arange(12))
+        face = faces_of_skin(zones, np.arange(12) // 6, np.arange(12))
 
-        triangles = points[view.zone_faces(zones)[face]]
+        triangles = points[zone_faces(zones)[face]]
         assert len(face) == 2 * 10  # two cubes have ten outer faces
         assert volume(triangles) == pytest.approx(2.0)
+
+
+def test_a_single_tetrahedron_has_four_faces():
+    assert len(faces_of_skin(np.array([[0, 1, 2, 3]]), np.zeros(1, int), np.zeros(1, int))) == 4
+
+
+def test_a_block_that_can_move_out_is_marked():
+    mesh = structured_box((2, 1, 1), (2.0, 1.0, 1.0), planes={"cut": ("x", 1.0)}).split(["cut"])
+    joint = Joint("cut", "elastic", {"kn": 1e9, "ks": 1e9})
+    model = Model(mesh, {"rock": ROCK}, joints=[joint], boundaries=[Viscous("west")])
+
+    drawn = scene(model)
+
+    ground = drawn["parts"][0]
+    east = corners(drawn, ground).mean(axis=1)[:, 0] > 1.0
+    removable = numbers(ground["of_triangle"]["removable"])
+    np.testing.assert_array_equal(removable, east)  # the western block is held
 
 
 def test_a_thinned_view_keeps_the_largest_value_and_says_what_it_lost(result, monkeypatch):

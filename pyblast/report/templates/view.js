@@ -6,7 +6,7 @@
   var GROUND = ["#cdb58c", "#8fa3ad", "#5b6570", "#a7b08a", "#b48a78", "#7a8fb0"];
   var MAPS = { ppv: ["#fff7dc", "#fbd277", "#f08a2c", "#c2410c", "#7c1d0a"],
                other: ["#440154", "#46327e", "#365c8d", "#277f8e", "#1fa187", "#4ac16d", "#a0da39", "#fde725"] };
-  var PLANE = { fault: [185, 28, 28], joint: [71, 85, 105] }, RECEIVER = "#1d4ed8", FAR = -1e30, PICK = 14;
+  var PLANE = { fault: [185, 28, 28], joint: [71, 85, 105] }, RECEIVER = "#1d4ed8", REMOVABLE = [126, 34, 206], FAR = -1e30, PICK = 14;
   var SLOW = 70;  // ms of a picture, above which it is drawn coarser while it moves
 
   function rgb(hex) { return [1, 3, 5].map(function (k) { return parseInt(hex.slice(k, k + 2), 16); }); }
@@ -119,7 +119,7 @@
         sz[k] = a[2][0] * dx + a[2][1] * dy + a[2][2] * dz;
       }
       var key = options.field, scale = options.scales[key], points = part.ofPoint[options.values || key], faces = part.ofTriangle[key], groups = part.ofTriangle.group;
-      if (key === "material" || key === "block") { points = null; faces = null; }
+      if (!scale) { points = null; faces = null; }
       var t = part.triangles, n;
       for (n = 0; n < t.length; n += 3) {
         var i = t[n], j = t[n + 1], m = t[n + 2];
@@ -171,6 +171,7 @@
     function baseOf(part, group, triangle, key) {
       if (part.kind !== "ground") return PLANE[part.kind];
       var base = rgb(GROUND[group % GROUND.length]);
+      if (key === "removable" && part.ofTriangle.removable[triangle]) return REMOVABLE;
       if (key !== "block") return base;
       var turn = Math.sin(12.9898 * (part.ofTriangle.block[triangle] + 1)) * 43758.5453, shade = 0.78 + 0.4 * (turn - Math.floor(turn));
       return base.map(function (v) { return Math.min(255, v * shade); });
@@ -211,7 +212,8 @@
     }
     var fields = [["material", "material"]];
     if (model.parts[0].ofTriangle.block && model.parts[0].ofTriangle.block.some(function (b) { return b > 0; })) fields.push(["block", "blocks"]);
-    Object.keys(scene.fields).forEach(function (key) { fields.push([key, scene.fields[key].label + " [" + scene.fields[key].unit + "]"]); });
+    if (model.parts[0].ofTriangle.removable && model.parts[0].ofTriangle.removable.some(Boolean)) fields.push(["removable", "removable blocks"]);
+    Object.keys(scene.fields).forEach(function (key) { fields.push([key, scene.fields[key].label + (scene.fields[key].unit ? " [" + scene.fields[key].unit + "]" : "")]); });
     var field = choice("colour", fields, function () { stop(); });
     field.className = "field";
     field.value = scene.fields.ppv ? "ppv" : "material";
@@ -379,7 +381,16 @@
         if (!numbered.some(function (at) { return Math.hypot(at[0] - from[0], at[1] - from[1]) < 13 * ratio; })) {
           numbered.push(from); write(String(hole.order), from[0] + 5 * ratio, from[1] - 4 * ratio, ratio);
         }
-        marks.push({ at: from, name: hole.name, words: "hole " + hole.name + ", number " + hole.order + " to fire", rows: hole.rows, place: hole.collar });
+        marks.push({ at: from, words: "hole " + hole.name + ", number " + hole.order + " to fire", rows: hole.rows, place: hole.collar });
+      });
+      scene.sources.forEach(function (at, n) {
+        var s = toScreen(at, cam, w, h), k;
+        pen.globalAlpha = behind(s, w, h) ? 0.45 : 1; pen.strokeStyle = "#b91c1c"; pen.lineWidth = 2 * ratio;
+        for (k = 0; k < 4; k++) {
+          var dx = 7 * ratio * Math.cos(k * Math.PI / 4), dy = 7 * ratio * Math.sin(k * Math.PI / 4);
+          line([s[0] - dx, s[1] - dy], [s[0] + dx, s[1] + dy]);
+        }
+        marks.push({ at: s, words: "source " + (n + 1), rows: [], place: at });
       });
       Object.keys(scene.receivers).forEach(function (name) {
         var r = scene.receivers[name], s = toScreen(r.position, cam, w, h);
@@ -391,7 +402,7 @@
         pen.fillStyle = r.over ? "#b91c1c" : RECEIVER; pen.strokeStyle = "#fff"; pen.lineWidth = 1.5 * ratio;
         pen.beginPath(); pen.moveTo(s[0], s[1]); pen.lineTo(s[0] - 6 * ratio, s[1] - 11 * ratio); pen.lineTo(s[0] + 6 * ratio, s[1] - 11 * ratio); pen.closePath(); pen.fill(); pen.stroke();
         write(name, s[0] + 8 * ratio, s[1] - 8 * ratio, ratio);
-        marks.push({ at: s, name: name, words: "receiver " + name, rows: r.rows, place: r.position });
+        marks.push({ at: s, words: "receiver " + name, rows: r.rows, place: r.position });
       });
       pen.globalAlpha = 1;
       model.parts.forEach(function (part) { if (part.kind !== "ground") label(part, cam, w, h, ratio); });
@@ -436,8 +447,9 @@
           var k = 1; while (k < 65535 && valueOf(scene.fields[key], k) < edge * (1 + 1e-9)) k += 16;
           one("rgb(" + [0, 1, 2].map(function (c) { return s.table[3 * Math.min(65535, k) + c]; }).join(",") + ")", "from " + short(edge));
         });
-        legend.append(scene.fields[key].unit + ", up to " + short(scene.fields[key].high));
+        legend.append(scene.fields[key].unit + (scene.fields[key].unit ? ", " : "") + "up to " + short(scene.fields[key].high));
       } else scene.groups.forEach(function (name, n) { one(GROUND[n % GROUND.length], name); });
+      if (key === "removable") one("rgb(" + REMOVABLE.join(",") + ")", "could move out past its joints");
       ["fault", "joint"].forEach(function (kind) {
         if (model.parts.some(function (part) { return part.kind === kind; })) one("rgb(" + PLANE[kind].join(",") + ")", kind);
       });
