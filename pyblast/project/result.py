@@ -13,6 +13,7 @@ import numpy as np
 from ..blasts.compliance import METHOD, assess_all, conclusion
 from ..errors import Finding, ReadError
 from ..ground.tables import joint_of_surface
+from ..model.boundary import kinds_of
 from ..model.material import ConstantQ
 from ..model.source import Column, Hole, MomentTensor, PointForce
 from ..recordings.tables import LOW_PASSED, instrument_table
@@ -261,10 +262,7 @@ def summarise_run(project, checked, run, simulated, comparisons):
         | {"input_hz": project.shot.highest_frequency, "low_pass_hz": project.shot.low_pass},
         "limit_curves": list(project.config.run.limit_curves),
         "blast": None if blast is None else blast_table(project.blast),
-        "undamped": undamped_plane(project),
-        "extent": extent_of(project),
-        "shift_m": None if blast is None else list(blast.shift_m),
-        "houses": house_positions(project),
+        **_place(project),
         "instruments": {
             part.name: instrument_table(project.records[part.name], vars(part.recorded))
             for part in project.config.receivers
@@ -305,6 +303,18 @@ def summarise_run(project, checked, run, simulated, comparisons):
             "joints": [joint.surface for joint in project.model.joints],
             "faults": project.faults,
         },
+    }
+
+
+def _place(project):
+    """Return extent, sides, shift from the coordinates of the site, and houses."""
+    blast = project.config.blast
+    return {
+        "undamped": undamped_plane(project),
+        "extent": extent_of(project),
+        "boundaries": kinds_of(project.model.boundaries),
+        "shift_m": None if blast is None else list(blast.shift_m),
+        "houses": house_positions(project),
     }
 
 

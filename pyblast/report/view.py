@@ -13,6 +13,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from ..mesh.faces import face_vectors, faces_of_skin, zone_faces
+from ..model.boundary import kinds_of
 from ..model.model import Model
 from ..model.source import MomentTensor, PointForce
 from ..project.places import blast_table, extent_of
@@ -44,6 +45,7 @@ class Given(NamedTuple):
     box: np.ndarray | None  # (3, 2), m: what is left out lies outside
     holes: list[dict]  # id, collar, toe, charge, time
     receivers: dict[str, dict]  # position, rows of (quantity, value), ppv
+    sides: dict[str, str]  # what holds each, in words
     sources: list  # positions of forces and moment tensors
     peaks: tuple | None  # points, triangles, velocity of the surface
     jumps: tuple | None  # places, jumps of displacement, normals of contacts
@@ -89,8 +91,8 @@ def scene(shown: Project | Model | Result) -> dict:
         "title": given.title, "low": low, "step": size / STEPS, "triangles": count, "said": said,
         "box": given.box, "groups": given.groups, "fields": fields, "wall": _wall(ground),
         "parts": [_packed(part, fields, low, size / STEPS) for part in parts],
-        "holes": given.holes, "sources": given.sources, "receivers": given.receivers,
-        "times": [float(time) for time in given.frames],
+        "sides": given.sides, "holes": given.holes, "sources": given.sources,
+        "receivers": given.receivers, "times": [float(time) for time in given.frames],
     })  # fmt: skip
 
 
@@ -113,6 +115,7 @@ def _of_model(shown):
         None if project is None else extent_of(project), _said_of_holes(holes),
         {receiver.name: {"position": receiver.position, "rows": []}
          for receiver in model.receivers},
+        kinds_of(model.boundaries),
         [list(source.position) for source in model.sources
          if isinstance(source, (PointForce, MomentTensor))],
         None, None, {}, len(view.mesh.zones) // len(model.mesh.zones),
@@ -139,6 +142,7 @@ def _of_result(result):
         None if box is None else np.array(box),
         _said_of_holes((summary.get("blast") or {"holes": []})["holes"]),
         {name: _receiver(summary, name) for name in summary["receivers"]},
+        summary.get("boundaries", {}),
         [each["position"] for kind in ("forces", "tensors") for each in summary["sources"][kind]],
         shown_surface(result), jumps,
         {time: np.linalg.norm(velocity, axis=1) for time, velocity in frames},
@@ -152,6 +156,7 @@ def _said_of_holes(holes):
     return [
         {
             "name": hole["id"], "collar": list(hole["collar"]), "toe": list(hole["toe"]),
+            "column": hole.get("column", [hole["collar"], hole["toe"]]),
             "order": times.index(round(hole["time"], 6)) + 1,
             "late": times.index(round(hole["time"], 6)) / max(1, len(times) - 1),
             "rows": [

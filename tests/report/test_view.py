@@ -169,6 +169,8 @@ def test_holes_and_receivers_stand_at_their_places(tmp_path):
     assert len(drawn["holes"]) == 60
     np.testing.assert_allclose(drawn["holes"][0]["collar"], project.blast.collar[0])
     np.testing.assert_allclose(drawn["holes"][-1]["toe"], project.blast.toe[-1])
+    charges = [hole["column"] for hole in drawn["holes"]]
+    np.testing.assert_allclose(charges, project.blast.columns)
     assert [hole["order"] for hole in drawn["holes"][::15]] == [1, 2, 3, 4]
     for receiver in project.receivers:
         position = drawn["receivers"][receiver.name]["position"]
@@ -248,6 +250,7 @@ key("n"); out.first = document.querySelector(".view .readout").textContent;
 look.value = "south"; look.onchange(); out.turned = picture() !== first;
 var whole = picture(); pick("cut", "north"); out.cut = picture() !== whole;
 out.face = found(5, 25);
+pick("cut", ""); look.value = "south"; look.onchange(); out.side = found(5, 25);
 out.open = document.querySelector("details.values").open;
 document.title = JSON.stringify(out);
 """
@@ -274,5 +277,6 @@ def test_a_browser_turns_cuts_clicks_and_reads_numbers(result, tmp_path):
     assert out["cut"]
     middle = float(re.search(r"north (-?[\d.]+)", out["face"])[1])
     assert middle == pytest.approx(10.0, abs=0.11)  # the cut goes through the middle
+    assert "south side: viscous" in out["side"]
     assert not out["open"]
     assert drawn["fields"]["ppv"]["low"] <= peak <= drawn["fields"]["ppv"]["high"]

@@ -70,6 +70,7 @@
     });
     // What a box cuts off: a little beyond it stays, as its sides may be sides of the mesh.
     var clip = [[-Infinity, -Infinity, -Infinity], [Infinity, Infinity, Infinity]], edge = 1e-5 * Math.hypot(high[0] - low[0], high[1] - low[1], high[2] - low[2]);
+    var whole = [low.slice(), high.slice()];
     if (scene.box) [0, 1, 2].forEach(function (k) {
       clip[0][k] = scene.box[k][0] - edge; clip[1][k] = scene.box[k][1] + edge;
       low[k] = Math.max(low[k], scene.box[k][0]); high[k] = Math.min(high[k], scene.box[k][1]);
@@ -79,7 +80,7 @@
       if ([0, 1].every(function (k) { return at[k] > low[k] - far && at[k] < high[k] + far; }))
         [0, 1, 2].forEach(function (k) { around[0][k] = Math.min(around[0][k], at[k]); around[1][k] = Math.max(around[1][k], at[k]); });
     });
-    return { parts: parts, around: around, low: low, high: high, clip: clip, clipped: Boolean(scene.box) };
+    return { parts: parts, whole: whole, around: around, low: low, high: high, clip: clip, clipped: Boolean(scene.box) };
   }
 
   // Pairs of nodes of the edges that one triangle alone has.
@@ -374,8 +375,10 @@
       scene.holes.forEach(function (hole) {
         var from = toScreen(hole.collar, cam, w, h), to = toScreen(hole.toe, cam, w, h), colour = "hsl(" + (250 - 200 * hole.late) + ",75%,38%)";
         pen.globalAlpha = behind([0.5 * (from[0] + to[0]), 0.5 * (from[1] + to[1]), 0.5 * (from[2] + to[2])], w, h) ? 0.45 : 1;
+        var column = hole.column.map(function (at) { return toScreen(at, cam, w, h); });
         pen.strokeStyle = "#fff"; pen.lineWidth = 5 * ratio; line(from, to);
-        pen.strokeStyle = colour; pen.lineWidth = 3 * ratio; line(from, to);
+        pen.strokeStyle = colour; pen.lineWidth = 1.2 * ratio; line(from, to);
+        pen.lineWidth = 3.5 * ratio; line(column[0], column[1]);
         pen.globalAlpha = behind(from, w, h) ? 0.45 : 1;
         pen.fillStyle = colour; pen.beginPath(); pen.arc(from[0], from[1], 3.5 * ratio, 0, 7); pen.fill();
         if (!numbered.some(function (at) { return Math.hypot(at[0] - from[0], at[1] - from[1]) < 13 * ratio; })) {
@@ -469,9 +472,19 @@
       var place = [0, 1, 2].map(function (k) { return cam.at[k] + u[0] * a[0][k] + u[1] * a[1][k] + u[2] * a[2][k]; });
       var words = [(part.kind === "ground" ? "" : part.kind + " ") + part.name + " at " + places(place)], key = field.value, value = scene.fields[key] && valueOf(scene.fields[key], l.level[at]);
       if (value !== null && value !== undefined) words.push(scene.fields[key].label + " " + short(value) + " " + scene.fields[key].unit);
+      var side = part.kind === "ground" && sideAt(place);
+      if (side) words.push(side);
       if (part.told.dip !== undefined) words.push("dip " + Math.round(part.told.dip) + "°, dip direction " + Math.round(part.told.direction) + "°");
       if (part.told.largest_slip !== undefined) words.push("largest slip " + short(part.told.largest_slip) + " mm");
       readout.textContent = words.join("; ");
+    }
+    function sideAt(at) {
+      var near = 2e-3 * size, found = [["west", 0, 0], ["east", 1, 0], ["south", 0, 1], ["north", 1, 1], ["bottom", 0, 2]].filter(function (s) {
+        return Math.abs(at[s[2]] - (s[1] ? model.high : model.low)[s[2]]) < near;
+      });
+      if (found.length !== 1) return null;
+      var k = found[0][2], gap = Math.abs(model.whole[found[0][1]][k] - (found[0][1] ? model.high : model.low)[k]);
+      return found[0][0] + " side: " + (gap > near ? "the mesh goes on beyond it" : scene.sides[found[0][0]] || "free");
     }
     function places(at) { return "east " + at[0].toFixed(1) + ", north " + at[1].toFixed(1) + ", height " + at[2].toFixed(1) + " m"; }
     function name(mark) {
