@@ -9,7 +9,7 @@ from ..inference.records import COMPONENTS, Records, band_functions, gather, noi
 from ..model.model import Receiver
 from ..project.places import longest_path, resolved_receivers, survey_positions
 from ..project.project import ENTERS, Project
-from ..project.validity import carried_band
+from ..project.checks import carried_band
 from ..signals.seismogram import GEOGRAPHIC, PASS_BAND
 from .thresholds import SHORTEST_RECORD
 

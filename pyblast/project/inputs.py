@@ -28,8 +28,9 @@ from ..recordings.recording import (
     read_recording,
     remove_response,
 )
-from ..signals.seismogram import GEOGRAPHIC, Seismogram, fast_length
+from ..signals.seismogram import GEOGRAPHIC, Seismogram
 from ..signals.spectra import LowPassed, dominant_frequency, highest_frequency, lowpass
+from ..simulation.accuracy import needed_frequency
 from ..units import to_si
 from .places import charge_depth, level_distance
 
@@ -362,9 +363,6 @@ PEAK_TIMES = 10
 SMOOTH = 8  # order of a pulse that is given by its frequency
 FREQUENCY = 20.0  # Hz, of a hole without one
 STEP_DOWN = 0.95  # between low-passes that are tried
-LEAST_PEAK = 0.9  # share of the peak of the blast that a run has to hold
-PERIODS = 20.0  # of the lowest frequency that is lost, around a pulse
-NEARLY = 0.95  # of the top of a band, from which on a mesh carries it
 
 
 def make_moment_rate(
@@ -615,11 +613,12 @@ def input_band(project):
 def blast_frequency(project) -> float | None:
     """Return the frequency in Hz that a mesh has to carry, which nobody gave.
 
-    Below it lies 95 % of the energy of what enters, as it would without a low-pass for the mesh,
-    and what makes 90 % of its peak. None where nothing enters, or an air blast, which asks for
-    other edges.
+    A mesh made for it carries the waveform of what enters, as it would without a low-pass for the
+    mesh, within ``mesh.accuracy``: `needed_frequency`. None where nothing enters, or an air blast,
+    which asks for other edges.
     """
     config, inside = project.config, project.config.holes_inside
+    accuracy = config.mesh.accuracy
     if config.air_blast is not None:
         return None
     if inside is not None and inside.charged_hole is not None and inside.low_pass_hz != "none":
@@ -628,37 +627,8 @@ def blast_frequency(project) -> float | None:
         if rock is None:
             return None
         rate, _ = within_band(_unit_rate(hole, rock), inside.low_pass_hz, lambda: math.inf)
-        return _frequency_of(superpose(radiated(rate), project.firing))
-    return max((_frequency_of(motion) for motion in project.motions), default=None)
-
-
-def _frequency_of(motion):
-    """Return the frequency in Hz up to which a motion holds its energy and its peak."""
-    top = highest_frequency(motion)
-    while held_shares(motion, motion, NEARLY * top)[1] < LEAST_PEAK and top < 0.5 / motion.dt:
-        top /= NEARLY
-    return top
-
-
-def held_shares(whole, passed, carried) -> tuple[float, float]:
-    """Return which share of energy and peak of a motion its low-passed one has up to a frequency.
-
-    Parameters
-    ----------
-    whole, passed : Seismogram
-    carried : float, Hz
-    """
-    velocity = np.nan_to_num(passed.velocity)
-    periods = int(np.ceil(PERIODS / (carried * passed.dt)))
-    padded = fast_length(len(velocity) + periods)  # a pulse may be shorter than a period
-    spectrum = np.fft.rfft(velocity, padded, axis=0)
-    spectrum[np.fft.rfftfreq(padded, passed.dt) > carried] = 0.0
-    carried_motion = np.fft.irfft(spectrum, padded, axis=0)
-    before = np.nan_to_num(whole.velocity)
-    energy, peak = np.sum(before**2), np.abs(before).max()
-    if not peak > 0.0:
-        return 1.0, 1.0
-    return np.sum(carried_motion**2) / energy, np.abs(carried_motion).max() / peak
+        return needed_frequency(superpose(radiated(rate), project.firing), accuracy)
+    return max((needed_frequency(each, accuracy) for each in project.motions), default=None)
 
 
 def named_files(config) -> list[str]:

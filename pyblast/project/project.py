@@ -3,7 +3,7 @@
 import hashlib
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
@@ -37,6 +37,7 @@ from ..model.model import Model, Receiver, SpongeLayer
 from ..readers.provenance import ReadLog
 from ..recordings.recording import Recording
 from ..signals.seismogram import Seismogram
+from ..simulation.accuracy import Accuracy
 from ..simulation.recipe import (
     FINER_ERROR,
     OF_FITS,
@@ -66,6 +67,7 @@ from .inputs import (
     read_inside,
     read_record,
     shifts_of,
+    unfiltered,
     wave_fronts,
 )
 from .places import (
@@ -77,8 +79,10 @@ from .places import (
     place_receivers,
     place_sources,
     positions_of,
+    radiating_positions,
     single_source,
     source_positions,
+    start_of_waves,
     survey_positions,
 )
 
@@ -479,6 +483,16 @@ class Project:
     def model(self) -> Model:
         """Model with all that enters; its time 0 is `lead` before the first firing."""
         return self._assembled(self.mesh, self.inside, self.receivers)
+
+    @cached_property
+    def accuracy(self) -> Accuracy:
+        """Expected error of the run at each receiver, and the band that it holds."""
+        layers = self.config.mesh.layers
+        heights = {p.material: p.thickness_m for p in layers if p.thickness_m is not None}
+        inside = len(radiating_positions(self)) > 0
+        return Accuracy(
+            self.model, unfiltered(self), self.motions, partial(start_of_waves, self), heights, inside
+        )
 
     def _model_on(self, mesh):
         """Return the model on a mesh, not split, that need not be that of the project."""
