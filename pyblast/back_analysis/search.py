@@ -15,12 +15,12 @@ from ..inference.global_search import (
 )
 from ..inference.likelihood import MISFITS, SIGNED
 from ..inference.parameter import Parameter, SearchMethod, Trace
-from ..project.inputs import input_band
 from ..project.project import Project
 from ..signals.comparison import Comparison, compare
 from ..signals.seismogram import Seismogram
+from ..solver.slip import JointSlip, Slip, run_with_slip
 from .fit import Fit
-from .identifiability import Slip, Strength, reason_without_slip, run_with_slip, weakest
+from .identifiability import reason_without_slip, weakest
 from .parameters import (
     all_blasts,
     blasts_of,
@@ -57,14 +57,14 @@ class Confirmed:
     simulated, recorded : dict of str to Seismogram
     comparisons : dict of str to Comparison
         By receiver.
-    strength : dict of str to Strength
+    strength : dict of str to JointSlip
         By joint surface.
     """
 
     simulated: dict[str, Seismogram]
     recorded: dict[str, Seismogram]
     comparisons: dict[str, Comparison]
-    strength: dict[str, Strength]
+    strength: dict[str, JointSlip]
 
     @property
     def factor(self) -> float:
@@ -244,7 +244,7 @@ def confirm(result: BackAnalysis, projects: Sequence[Project], progress=None) ->
         varied = with_values(project, target.parameters, result.best_point)
         weak = weakest(project, target.parameters, result.best_point)
         run, strength = run_with_slip(
-            varied.model, varied.duration, input_band(varied), weak, progress
+            varied.model, varied.duration, varied.shot.highest_frequency, weak, progress
         )
         simulated = varied.simulated(run.seismograms)
         recorded = target.recorded(project)

@@ -13,21 +13,20 @@ from ..inference.nuisances import DESIGN_LEVELS
 from ..inference.parameter import Parameter, Problem, problem_of
 from ..inference.records import band_functions
 from ..project.checks import carried_band
-from ..project.inputs import input_band
 from ..project.places import on_ground
 from ..project.project import Project
-from ..simulation.accuracy import NEARLY
 from ..solver.injection import near_receivers
+from ..solver.slip import Slip, run_with_slip
+from ..sources.inside import NEARLY
+from ..survey import Survey
 from ..units import plain_number
 from .fit import on_mesh_of_band
 from .identifiability import (
     FisherInformation,
     Sensitivities,
-    Slip,
     is_strength,
     posterior_intervals,
     reason_without_slip,
-    run_with_slip,
     weakest,
 )
 from .parameters import (
@@ -182,7 +181,8 @@ def with_receivers(project: Project, receivers) -> Project:
         for receiver in receivers
     ]
     config = project.config.model_copy(update={"receivers": configs})
-    return replace(project, config=config, span=project.reach, given={})
+    shot = replace(project.shots[0], config=config, held=None)
+    return replace(project, config=config, span=project.reach, survey=Survey((shot,)))
 
 
 def _on_other_mesh(project, other, receivers):
@@ -428,7 +428,7 @@ def survey_design_of(project, progress=None) -> SurveyDesign:
     names = sorted({name for blast in records for name in blast})
     band, less = carried_band([*blasts, *candidates], blasts[0].compared_band, names)
     if less is not None:
-        blasts = tuple(blast.having(compared_band=band) for blast in blasts)
+        blasts = tuple(blast.compared_in(band) for blast in blasts)
     middle = np.full(len(parameters), 0.5)
     plan = survey_design_at(
         blasts, parameters, middle, records=records, candidates=candidates, progress=progress
@@ -517,7 +517,7 @@ def _slip(blasts, parameters, values, report):
         varied = with_values(project, parameters, values)
         weak = weakest(project, parameters, values)
         run, strength = run_with_slip(
-            varied.model, varied.duration, input_band(varied), weak, report
+            varied.model, varied.duration, varied.shot.highest_frequency, weak, report
         )
         ppv = {name: seismogram.ppv for name, seismogram in run.seismograms.items()}
         slips[project.path.name] = Slip(strength, ppv)

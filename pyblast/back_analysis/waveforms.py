@@ -6,7 +6,6 @@ import numpy as np
 
 from ..errors import InputError, PyblastError
 from ..inference.records import Noise, Records, band_functions, check_sampling, gather, noise_of
-from ..project.inputs import input_band
 from ..signals.seismogram import Seismogram
 from ..simulation.recipe import edge_factor
 from .parameters import simulate
@@ -127,7 +126,7 @@ def window_of(projects) -> Window:
     duration = min(project.config.run.duration_s for project in projects)
     band = projects[0].compared_band
     if band is None:
-        band = (1.0 / duration, max(input_band(project) for project in projects))
+        band = (1.0 / duration, max(project.shot.highest_frequency for project in projects))
     low, high = map(float, band)
     if not low < high:
         raise InputError(

@@ -425,8 +425,9 @@ def predict(
 
 def with_blast(project: Project, name: str, blast: Blast) -> Project:
     """Return a project with a single blast in place of its own."""
-    parts = {key: part for key, part in project.given.items() if key != "records"}
-    return replace(project, name=name, further=(), given=parts).firing_as(blast)
+    shot = replace(project.held_shots[0], name=name, fired=blast)
+    survey = replace(project.survey, shots=(shot,), recorded={})
+    return replace(project, survey=survey)
 
 
 @dataclass(eq=False)

@@ -7,12 +7,10 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy.interpolate import make_interp_spline
 
-from ..blasts.blast import Firing
 from ..core import JOINT_LAWS, ZONE_LAWS
 from ..errors import InputError
 from ..mesh.mesh import locate_in_zones
 from ..model.model import Model, Receiver
-from ..project.inputs import make_input
 from ..project.places import on_ground, placed_again, refuse_outside
 from ..project.project import Project
 from ..runs.greens import PointSource, greens_functions
@@ -146,12 +144,11 @@ class Forward:
                 f"{fired.path.name}: input.decay_exponent: a diagnosis needs the motion of each "
                 "hole, which is alike on the whole face or comes from holes_inside; leave it out"
             )
-        signal = make_input(
-            fired.signature, Firing(np.zeros(1), np.ones(1)), fired.config.input.low_pass_hz
-        )
-        single = replace(fired, given={**fired.given, "input": signal})
-        run = self.run([self._own(project, blast, input=signal)])[0]
-        motion = self._sampled(run.seismograms, single.lead)
+        alone = replace(project.of(blast).shot, alone=True)
+        shots = tuple(alone if shot.name == blast else shot for shot in project.shots)
+        single = replace(project, survey=replace(project.survey, shots=shots))
+        run = self.run([self._own(single, blast)])[0]
+        motion = self._sampled(run.seismograms, alone.lead)
         return np.multiply.outer(fired.firing.scales, motion)
 
     def model(self, project: Project, blast: str) -> Model:
@@ -183,16 +180,15 @@ class Forward:
             return False
         return True
 
-    def _own(self, project, blast, **given):
-        """Return the model of one blast in the mesh of its project, with other parts of it."""
+    def _own(self, project, blast):
+        """Return the model of one blast in the mesh of its project."""
         project = self._suited(project)
         own = project.of(blast)
-        parts = own.given | given
-        if "receivers" in parts and project.geometry != self.case.project.geometry:
-            every = (project, *project.further)
-            described = [part for each in every for part in each.config.receivers]
-            parts["receivers"] = placed_again(own.receivers, described, own.mesh)
-        model = replace(own, given=parts).model
+        if own.survey.receivers is not None and project.geometry != self.case.project.geometry:
+            described = [part for each in project.shots for part in each.config.receivers]
+            receivers = placed_again(own.receivers, described, own.mesh)
+            own = replace(own, survey=replace(own.survey, receivers=receivers))
+        model = own.model
         # As stored responses of holes, so that all motion of a case is of one kind.
         return replace(model, single=is_single(model), injected=False)
 
@@ -215,8 +211,8 @@ class Forward:
 def not_superposed(case: Case) -> str:
     """Return why the motion of a blast is not the sum over its holes; empty where it is."""
     project = case.project
-    for each in (project, *project.further):
-        config = each.config
+    for shot in project.shots:
+        config = shot.config
         if config.blast is None:
             return "there is no [blast] with holes"
         if config.blast.scatter_ms:

@@ -343,11 +343,11 @@ def _of_components(compared, r, name, before, recorded, simulated):
 
 
 def _axes(project, receivers):
-    """Return the azimuth of the axes of the records of receivers, and the names of the axes."""
+    """Return the azimuth of the axes of the recordings of receivers, and the names of the axes."""
     axes: dict[str, tuple] = dict.fromkeys(receivers, (None, COMPONENTS))
-    for each in (project, *project.further):
-        azimuths = {receiver.name: receiver.azimuth for receiver in each.receivers}
-        for name, record in each.records.items():
+    for shot in project.shots:
+        azimuths = {part.name: part.azimuth for part in project.of(shot.name).receivers}
+        for name, record in project.survey.recordings[shot.name].items():
             names = tuple(record.seismogram.components)
             if name in axes and names != GEOGRAPHIC and azimuths.get(name) is not None:
                 axes[name] = azimuths[name], names
@@ -632,39 +632,34 @@ def changed_records(
     receiver: str | None = None,
     blast: str | None = None,
 ) -> Project:
-    """Return a project with all records changed, or those of a receiver or a blast."""
-    tables = {
-        each.name: {
+    """Return a project with all recordings changed, or those of a receiver or a blast."""
+
+    def act(shot, table):
+        return {
             name: change(record)
-            if receiver in (None, name) and blast in (None, each.name)
+            if receiver in (None, name) and blast in (None, shot)
             else record
-            for name, record in each.records.items()
-        }
-        for each in (project, *project.further)
-    }
-    return project.changed(records=tables)
+            for name, record in table.items()
+        }  # fmt: skip
+
+    return replace(project, survey=project.survey.edited(act))
 
 
 def _without(project, blast) -> Project:
     """Return a project without the records of one blast."""
-    tables = {each.name: each.records for each in (project, *project.further)}
-    remaining = {name: table for name, table in tables.items() if name != blast}
-    further = tuple(each for each in project.further if each.name != blast)
-    if project.name == blast:
-        project, further = further[0], further[1:]
-    return replace(project, further=further).changed(records=remaining)
+    shots = tuple(shot for shot in project.shots if shot.name != blast)
+    first = project.of(shots[0].name)
+    return replace(first, survey=replace(project.survey, shots=shots))
 
 
 def _exchanged(project, first, second) -> Project:
     """Return a project in which two receivers have exchanged their records."""
-    tables = {}
-    for each in (project, *project.further):
-        table = dict(each.records)
-        pair = {first: table.pop(second, None), second: table.pop(first, None)}
-        tables[each.name] = table | {
-            name: record for name, record in pair.items() if record is not None
-        }
-    return project.changed(records=tables)
+    names = {first: second, second: first}
+
+    def act(_, table):
+        return {names.get(name, name): record for name, record in table.items()}
+
+    return replace(project, survey=project.survey.edited(act))
 
 
 def with_velocity(record: Recording, velocity, **other) -> Recording:

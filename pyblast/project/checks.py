@@ -17,12 +17,12 @@ from ..model.boundary import Roller, Viscous
 from ..signals.spectra import highest_frequency
 from ..solver.initial_stress import joint_pressures
 from ..solver.injection import near_receivers, refusal
-from ..simulation.accuracy import FOUND, NEARLY, Band
+from ..simulation.accuracy import FOUND, Band
+from ..sources.inside import NEARLY, shape
 from ..units import plain_number
 from . import checks_ground
 from .checks_ground import MOST_NAMED, ModelSummary, boundary_defects, ground_notes, summarise_model
 from .elastic_ground import elastic_finding
-from .inputs import central_frequency, input_band, shape
 from .level import (
     energy_finding,
     expected_peaks,
@@ -84,7 +84,7 @@ def check(project, measure=True, progress=None) -> Check:
     recorded = project.recorded  # a file that can't be read is refused before the mesh
     tell("mesh", 0, 1)
     if recorded and project.comparable:  # refuses records that can't be set beside the motion
-        low = project.low_pass
+        low = project.shot.low_pass
         passed = f", low-passed at {low:.3g} Hz like the sources" if low else ""
         notes += (f"Records to compare with: {', '.join(project.comparable)}{passed}.",)
     rows = project.as_built
@@ -156,7 +156,7 @@ def _mesh_defects(project, summary):
     yield checks_ground.beyond_memory(summary.memory, quality.available())
     times = () if project.blast is None else project.blast.times
     yield unlikely_values(project.materials, project.joints, project.config, times)
-    band, centre = input_band(project), central_frequency(project)
+    band, centre = project.shot.highest_frequency, project.shot.central_frequency
     for group in summary.groups:
         yield coarse_zones(
             group.name, project.model.materials[group.name], group.mean_edge, group.volume, band,
@@ -202,9 +202,9 @@ def _stiff(project, summary):
 
 def _load_defects(project):
     """D3, D4, D6, D7, D17, D20, D22, D25: firing, load, charge, absorbing layer, air."""
-    blast, band = project.config.blast, input_band(project)
+    blast, band = project.config.blast, project.shot.highest_frequency
     if blast is not None:
-        yield firing_comb(project.firing, central_frequency(project), band)
+        yield firing_comb(project.firing, project.shot.central_frequency, band)
     if blast is not None and blast.charge_kg is not None:
         yield charge_fits(
             blast.charge_kg, 1e-3 * blast.diameter_mm, blast.depth_m, blast.explosive_kg_per_m3
@@ -227,7 +227,7 @@ def _load_defects(project):
 def _face_defects(project, band):
     """D4, D6, D7, D17, D27: filter, face, strength, holes inside."""
     config, firing, motion = project.config, project.firing, project.input
-    yield comb_return(firing, central_frequency(project), motion.low_passed)
+    yield comb_return(firing, project.shot.central_frequency, motion.low_passed)
     name, material = source_material(project)
     yield layered_face(config.input.face, face_materials(project))
     peak = project.signature.pvs
@@ -245,7 +245,7 @@ def _face_defects(project, band):
 
 def _joint_defects(project, summary):
     """D8, D11, D18: faults and joint sets."""
-    centre, band = central_frequency(project), input_band(project)
+    centre, band = project.shot.central_frequency, project.shot.highest_frequency
     by_surface = {joint.surface: joint for joint in project.joints}
     pressures = joint_pressures(project.model)
     stiffness = {name: joint.tangents(pressures[name]) for name, joint in by_surface.items()}
@@ -309,7 +309,7 @@ def carried_band(
         If they carry nothing of the band.
     """
     low = 1.0 / min(project.config.run.duration_s for project in projects)
-    top = max(input_band(project) for project in projects)
+    top = max(project.shot.highest_frequency for project in projects)
     low, top = (low, top) if band is None else band
     rows = [(row, each) for each in projects for row in each.accuracy.rows if row.name in names]
     row, project = min(rows, key=lambda pair: pair[0].carried)
@@ -375,7 +375,8 @@ def band_finding(project, band: Band, seconds: float | None = None) -> Finding |
     """D40: a run that holds less than the band of its blast; None where it holds it.
 
     ``seconds`` are those of the run, where they are known. It fails no project that states the
-    band of its comparison, and whose mesh carries that.
+    band of its comparison, whose mesh carries that, and whose run holds a third of the peak and a
+    ninth of the energy of its blast.
     """
     if band.complete:
         return None
@@ -390,12 +391,25 @@ def band_finding(project, band: Band, seconds: float | None = None) -> Finding |
         f"It holds motion up to {plain_number(band.carried)} Hz{filtered}, the blast has motion up "
         f"to {plain_number(band.needed)} Hz: {100 * band.energy_share:.2g} % of the energy and "
         f"{100 * band.peak_share:.2g} % of the peak of what enters are in the run. '"
-        f"{band.limited_by}' decides that.{_price(project, band, seconds)} Peaks are those of "
+        f"{band.limited_by}' decides that.{_steep_front(project)}"
+        f"{_price(project, band, seconds)} Peaks are those of "
         f"motion below {plain_number(band.carried)} Hz; frequencies and limits are not compared.",
-        failed=compared is None or NEARLY * compared[1] > band.carried,
+        failed=compared is None or NEARLY * compared[1] > band.carried or not band.of_its_blast,
         numbers={"carried": band.carried, "needed": band.needed, "energy": band.energy_share,
          "peak": band.peak_share},
     )  # fmt: skip
+
+
+def _steep_front(project):
+    """Return a sentence on a pulse by the time of its peak, whose front holds high frequencies."""
+    inside = project.config.holes_inside
+    hole = None if inside is None else inside.charged_hole
+    if hole is None or hole.peak_time_ms is None:
+        return ""
+    return (
+        f" A pulse by peak_time_ms = {plain_number(hole.peak_time_ms)} has the front of a cavity: "
+        "frequency_hz in its place gives one of the frequency of records."
+    )
 
 
 def _price(project, band, seconds):

@@ -15,20 +15,17 @@ from ..signals.seismogram import Seismogram, fast_length
 from ..signals.spectra import highest_frequency
 from ..solver.injection import near_receivers
 from ..solver.moment_density import NearReceiver
-from .recipe import NODES_FOR_ONE_PER_CENT, ORDER_OF_FITS, WAVELENGTHS, convergence
+from ..sources.inside import LOST, phase_error
+from .recipe import NODES_FOR_ONE_PER_CENT, WAVELENGTHS, convergence
 
 LEAST_ENERGY, LEAST_PEAK = 0.95, 0.9  # shares of the blast's motion that a run has to hold
-NEARLY = 0.95  # of the top of a band, from which on a mesh carries it
+HELD = 1.0 / 3.0  # share of the peak of the blast, below which a run is of another blast
 PERIODS = 20.0  # of the lowest frequency that is lost, around a pulse
 SAMPLES = 200  # along the way to a receiver
 THIN = 8.0  # layers thinner than a wavelength over this move as one
 STIFF = 0.5  # S speed over that around the sources, of ground through which waves come
-# Phase error in rad of one frequency after three wavelengths, at as many nodes or edges per
-# wavelength as the second says, and the power with which it falls: docs/quality/verification.md.
-PHASE = 0.08  # of hexahedra, at their nodes for 1 %
+# As `PHASE` of tetrahedra at as many edges per wavelength, and the power with which it falls.
 TETRAHEDRA = {"quadratic": (0.05, 3.0, 3.5), "linear": (0.04, 10.0, 2.0)}
-LOST = 0.5 * np.pi  # rad, beyond which a frequency has no phase
-MOST = 1.5  # default frequency of a mesh, over that below which 95 % of the energy lies
 # Of the motion, what sides send back: hexahedral layers, damped ground, dashpots alone.
 LAYER, SPONGE, DASHPOTS = 0.008, 0.03, 0.2
 FOUND = 3.0  # times the accuracy asked for, from which on an expected error is a finding
@@ -92,6 +89,11 @@ class Band:
     limited_by: str
     energy_share: float
     peak_share: float
+
+    @property
+    def of_its_blast(self) -> bool:
+        """Whether the run holds enough of its blast to be one of it, in whatever band."""
+        return self.peak_share >= HELD and self.energy_share >= HELD**2
 
     @property
     def complete(self) -> bool:
@@ -189,8 +191,9 @@ class Accuracy:
         zone = self._zones[0].query(points)[1]
         carried, limit = self._least(zone)
         time = np.linalg.norm(np.diff(points, axis=0), axis=1) / self._speeds[zone[1:]]
+        depth = self._depth(points[[0, -1]])
         found = [
-            self._of_motion(*pair, zone[1:], time)
+            self._of_motion(*pair, zone[1:], time, depth)
             for pair in zip(self.before, self.after, strict=True)
         ]
         parts, peak = max(found, key=lambda each: sum(each[0].values()), default=({}, 0.0))
@@ -230,13 +233,14 @@ class Accuracy:
         name = min(carried, key=lambda group: carried[group])
         return carried[name], name
 
-    def _of_motion(self, whole, passed, zone, time):
+    def _of_motion(self, whole, passed, zone, time, depth):
         """Return parts of the error, and that of the peak, of a motion after a way.
 
-        ``zone`` and ``time`` (n,) are those of its pieces, in s at the speed of S waves.
+        ``zone`` and ``time`` (n,) are those of its pieces, in s at the speed of S waves; ``depth``
+        is that of both ends below a free surface, in m.
         """
         frequency, motion, gain = _spectra(whole, passed)
-        phase = np.minimum(self._phase(frequency, zone, time), LOST)
+        phase = self._phase(frequency, zone, time, depth)
         faded, fitted = self._faded(frequency, zone, time)
         motion = faded[:, None] * motion
         size = max(float(np.linalg.norm(motion)), 1e-300)
@@ -251,22 +255,37 @@ class Accuracy:
         ]
         return parts, abs(peaks[1] / max(peaks[0], 1e-300) - 1.0)
 
-    def _phase(self, frequency, zone, time):
+    def _depth(self, ends):
+        """Return the sum of depths (2, 3) in m of points below the free top of the mesh."""
+        viscous = {each.surface for each in self.model.boundaries if isinstance(each, Viscous)}
+        if "top" in viscous:
+            return np.inf
+        points = self.model.mesh.points
+        reach = float(self._zones[1].max())
+        depth = 0.0
+        for end in ends:
+            near = np.hypot(*(points[:, :2] - end[:2]).T) <= reach
+            depth += float(points[near, 2].max(initial=end[2]) - end[2])
+        return depth
+
+    def _phase(self, frequency, zone, time, depth):
         """Return the phase errors (m,) in rad of a way through zones, by frequency."""
         mesh, speed = self.model.mesh, self._speeds[zone]
+        kind = "quadratic" if self.model.quadratic else "linear"
+        phase, wanted, power = TETRAHEDRA[kind]
         if mesh.hexahedral:
-            phase, wanted = PHASE, NODES_FOR_ONE_PER_CENT[mesh.order] / mesh.order
-            power = convergence(mesh.order)
-        else:
-            phase, wanted, power = TETRAHEDRA["quadratic" if self.model.quadratic else "linear"]
+            wanted, power = NODES_FOR_ONE_PER_CENT[mesh.order] / mesh.order, convergence(mesh.order)
         edge, group = self._zones[1][zone].copy(), mesh.zone_group[zone]
         for name, height in self.heights.items():
             own = group == mesh.groups.index(name) if name in mesh.groups else np.zeros(0, int)
             edge[own] = np.minimum(edge[own], THIN * height / self.model.edges_per_wavelength)
         travel = max(float(time.sum()), 1e-300)
         rate = float(time @ (wanted * edge / speed) ** power) / travel
-        waves = np.maximum(frequency * travel, WAVELENGTHS)
-        return phase * waves / WAVELENGTHS * rate * frequency**power
+        waves = np.maximum(frequency * travel, WAVELENGTHS) / WAVELENGTHS
+        growth = waves * rate * frequency**power
+        if not mesh.hexahedral:
+            return np.minimum(phase * growth, LOST)
+        return phase_error(growth, np.exp(-2.0 * np.pi * frequency * depth / speed[-1]))
 
     def _faded(self, frequency, zone, time):
         """Return the loss (m,) by constant Q on a way, and the ratio (m,) to it by mechanisms."""
@@ -311,22 +330,3 @@ def held_shares(whole: Seismogram, passed: Seismogram, carried: float) -> tuple[
     if not peak > 0.0:
         return 1.0, 1.0
     return np.sum(carried_motion**2) / energy, np.abs(carried_motion).max() / peak
-
-
-def needed_frequency(motion: Seismogram, accuracy: float) -> float:
-    """Return the frequency in Hz for which a mesh is made that carries a waveform.
-
-    The lowest at which the rule of nodes per wavelength leaves an error of the accuracy, from the
-    frequency on below which 95 % of the energy lies to 1.5 times of it (five times the work);
-    sharp onsets ask for more.
-    """
-    least = top = highest_frequency(motion)
-    frequency, spectrum, _ = _spectra(motion, motion)
-    size = max(float(np.linalg.norm(spectrum)), 1e-300)
-    power = convergence(ORDER_OF_FITS) + 1.0
-    while top < MOST * least:
-        phase = np.minimum(PHASE * accuracy / 0.01 * (frequency / top) ** power, LOST)
-        if np.linalg.norm((1.0 - np.exp(1j * phase))[:, None] * spectrum) <= accuracy * size:
-            break
-        top /= NEARLY
-    return float(min(top, MOST * least))

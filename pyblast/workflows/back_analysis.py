@@ -45,6 +45,7 @@ from ..report.survey_design import (
     summarise_survey,
     write_survey_report,
 )
+from ..report.view import scene
 from ..runs.greens import refuse_what_does_not_superpose
 from ..runs.parallel import input_hash
 from ..signals.comparison import in_common
@@ -135,7 +136,7 @@ def back_analyse(
         tell("writing", 0, 1)
         summary = _write(folder, result, before, table, finished=True)
         try:
-            write_search_report(folder / "report.html", summary, result.confirmed)
+            write_search_report(folder / "report.html", summary, result.confirmed, scene(project))
         except Exception as error:  # a page costs itself alone: values and intervals are written
             result = replace(result, missing=(*result.missing, f"report.html: {error}"))
             _write(folder, result, before, table, finished=True)
@@ -476,7 +477,8 @@ def find_moment_rate(
     pulse = spline(np.arange(0.0, 4.0 + 1e-9, 1.0 / (FINE * PER_KNOT)))
     unit = TimeFunction(pulse, dt / FINE)
     inside = replace(project.inside, moment_rate=unit, low_pass=None, unfiltered=None)
-    probe = replace(project, given={**project.given, "inside": inside})
+    survey = replace(project.survey, shots=(replace(project.shot, held=inside),))
+    probe = replace(project, survey=survey)
     refuse_what_does_not_superpose(probe.model)
     run = simulate_model(probe.model, probe.duration, progress=progress)
     motion = probe.simulated(run.seismograms)

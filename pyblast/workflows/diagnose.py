@@ -284,8 +284,8 @@ def _hash_of(file):
     """Return the hash of all files of a case, or of all that a project names."""
     digest = hashlib.sha256()
     try:
-        for project in _blasts(file):
-            digest.update(json.dumps(project.input_files, sort_keys=True).encode())
+        for shot in with_further(load_project(file)).shots:
+            digest.update(json.dumps(shot.input_files, sort_keys=True).encode())
     except ReadError:
         raise
     except OSError as error:
@@ -344,7 +344,7 @@ def predict_file(file, output, summary, holes, path, baseline=False, runs=None):
     effects = () if baseline else effects_of(model)
     motion = predict(case, blast, values, effects, runs or Path(output) / RUNS)
     write_bytes(path, _as_recorded(case, motion))
-    return case.project.low_pass
+    return case.project.shot.low_pass
 
 
 def check_further(file, holes, outputs=(), out=None):
@@ -375,13 +375,8 @@ def check_further(file, holes, outputs=(), out=None):
 
 def _inputs(file):
     """Return the files of a case, or all files of a project and its further blasts."""
-    return [project.folder / name for project in _blasts(file) for name in project.input_files]
-
-
-def _blasts(path):
-    """Return the projects of a project file and of its further blasts."""
-    project = with_further(load_project(path))
-    return project, *project.further
+    shots = with_further(load_project(file)).shots
+    return [shot.folder / name for shot in shots for name in shot.input_files]
 
 
 def _further(case, holes):
@@ -416,8 +411,8 @@ def _check_holes(box, name, blast):
 
 def _as_recorded(case: Case, motion):
     """Return motion as a file with the sampling and the start of the records of the last blast."""
-    last = (case.project, *case.project.further)[-1]
-    first = next(iter(last.records.values())).seismogram
+    last = case.project.shots[-1]
+    first = next(iter(case.project.survey.recordings[last.name].values())).seismogram
     sampling = first.start, case.dt, len(first.velocity)
     whole = np.stack(
         [Seismogram(part.T, case.dt, 0.0).sampled(*sampling).velocity.T for part in motion]
@@ -427,7 +422,7 @@ def _as_recorded(case: Case, motion):
 
 def _channels(case: Case):
     """Return the names of the channels of each receiver in its last record."""
-    tables = [blast.records for blast in reversed((case.project, *case.project.further))]
+    tables = [*case.project.survey.recordings.values()][::-1]
     records = {name: next(t[name] for t in tables if name in t) for name in case.receivers}
     return [
         channel_names(name, record.header.get("channels", {}), case.dt)
@@ -437,7 +432,8 @@ def _channels(case: Case):
 
 def _say_level(project: Project, say: Say) -> None:
     """Say of which blasts the recorded peaks, or those that are expected, are implausible."""
-    for each in (project, *project.further):
+    for shot in project.shots:
+        each = project.of(shot.name)
         for finding in level_findings(each, expected_peaks(each)):
             say(f"{finding.code}: {each.name}: {finding.title}. {finding.text}")
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from benchmarks.blind.flat_models import Discretization
-from pyblast.blasts.blast import Blast, Firing
+from pyblast.blasts.blast import Blast
 from pyblast.config.config import check_config
 from pyblast.diagnosis.calibration import Baseline, calibrated_parameters, likelihood_of
 from pyblast.diagnosis.case import Case, case_of
@@ -13,10 +13,11 @@ from pyblast.diagnosis.effects import Scene
 from pyblast.diagnosis.forward import Forward
 from pyblast.model.model import Receiver
 from pyblast.model.source import TimeFunction
-from pyblast.project.inputs import Inside
 from pyblast.project.project import Project, make_project
 from pyblast.recordings.recording import Recording
 from pyblast.signals.seismogram import Seismogram
+from pyblast.sources.inside import Inside
+from pyblast.survey import Survey
 
 CUT = Discretization(30.0, 60.0, 1.3, quadratic=True)
 DT, SAMPLES, BEFORE = 0.004, 100, 50
@@ -32,18 +33,23 @@ def small_site() -> Project:
         "S1": holes([[30.0, 30.0]], [10.0], [0.0]),
         "B1": holes([[30.0, 30.0], [34.0, 36.0], [38.0, 42.0]], [60.0] * 3, [0.0, 0.03, 0.06]),
     }
-    config, first = check_config(TABLES), Firing(np.zeros(1), np.ones(1))
-    given = {
-        "receivers": tuple(Receiver(f"R{n}", place) for n, place in enumerate(places)),
-        "inside": Inside(first, pulse, (), (), (), None),
-        "records": {},
-    }
-    one, other = (
-        replace(make_project(config, "small.toml", {**given, "blast": blast}), name=name)
-        for name, blast in blasts.items()
-    )
-    site = replace(one, further=(other,)).changed(blasts=blasts)
+    receivers = tuple(Receiver(f"R{n}", place) for n, place in enumerate(places))
+    site = of_shots(make_project(check_config(TABLES), "small.toml"), blasts, pulse, receivers)
     return site.changed(mesh=site.for_band(BAND[1]))
+
+
+def with_records(project, tables) -> Project:
+    """Return a project with other recordings, by blast and receiver."""
+    return replace(project, survey=replace(project.survey, recorded=tables))
+
+
+def of_shots(project, blasts, moment_rate, receivers):
+    """Return a project of blasts with one moment rate of 1 kg, without records."""
+    shots = [
+        replace(project.shots[0], name=name, fired=blast, held=Inside(moment_rate))
+        for name, blast in blasts.items()
+    ]
+    return replace(project, survey=Survey(tuple(shots), tuple(receivers), {}))
 
 
 TABLES = {
@@ -83,7 +89,7 @@ def recorded(
         for blast in site.blasts
     }
     rng = np.random.default_rng(seed)
-    first = site.changed(records=blank)
+    first = with_records(site, blank)
     for some in blank.values():  # a noise window must move
         for one in some.values():
             one.seismogram.velocity.setflags(write=True)
@@ -99,7 +105,7 @@ def recorded(
             quiet = noise * np.abs(motion[0]).max() * _coloured(rng, BEFORE + SAMPLES)
             quiet[BEFORE:] += velocity.T
             records[blast][name] = _recording(quiet)
-    return case_of(site.changed(records=records))
+    return case_of(with_records(site, records))
 
 
 def scene_of(case: Case) -> Scene:

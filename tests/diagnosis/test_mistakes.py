@@ -5,7 +5,7 @@ from functools import cache, partial
 
 import numpy as np
 import pytest
-from small_site import DT, recorded, small_site
+from small_site import DT, recorded, small_site, with_records
 
 from pyblast.diagnosis.case import case_of
 from pyblast.diagnosis.forward import Forward
@@ -57,11 +57,11 @@ def test_a_mistake_at_one_receiver_is_named_and_mended(kind):
 
 def test_exchanged_receivers_are_named_and_put_back():
     right = site()[0]
-    tables = {each.name: dict(each.records) for each in (right, *right.further)}
+    tables = right.survey.recordings
     for table in tables.values():
         table["R0"], table["R3"] = table["R3"], table["R0"]
 
-    (mistake,), mended = found_in(right.changed(records=tables))
+    (mistake,), mended = found_in(with_records(right, tables))
 
     assert (mistake.kind, mistake.target) == ("receivers", "R0 and R3")
     assert same_records(mended, right)
@@ -82,9 +82,9 @@ def test_a_wrong_time_zero_of_a_blast_is_named_and_corrected():
 
 def test_the_records_of_another_blast_are_known_for_a_copy():
     right = site()[0]
-    tables = {each.name: each.records for each in (right, *right.further)}
+    tables = right.survey.recordings
 
-    mistakes, mended = found_in(right.changed(records=tables | {"B1": tables["S1"]}))
+    mistakes, mended = found_in(with_records(right, tables | {"B1": tables["S1"]}))
 
     assert (mistakes[0].kind, mistakes[0].target) == ("copy", "B1")
     assert mended.blasts.keys() == {"S1"}

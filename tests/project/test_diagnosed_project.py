@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from obspy import UTCDateTime
-from small_site import BAND, BEFORE, DT, SAMPLES, recorded, small_site
+from small_site import BAND, BEFORE, DT, SAMPLES, recorded, small_site, with_records
 
 from benchmarks.blind.case_files import write_case
 from benchmarks.blind.flat_models import flat_box
@@ -335,8 +335,8 @@ def write_site(folder, project):
         band=BAND, noise_window=(-BEFORE * DT, 0.0),
     )  # fmt: skip
     records = {
-        one.name: np.stack([one.records[r.name].seismogram.velocity.T for r in site.receivers])
-        for one in (project, *project.further)
+        name: np.stack([table[r.name].seismogram.velocity.T for r in site.receivers])
+        for name, table in project.survey.recordings.items()
     }
     write_case(folder, "small", site, records, BEFORE * DT)
     return folder / "S1.toml"
@@ -447,14 +447,14 @@ def test_holes_that_foretell_nothing_are_refused(tmp_path, cells, told):
 
 def test_one_record_that_ends_early_does_not_cut_the_others():
     site = whole()
-    known = {one.name: one.records for one in (site, *site.further)}
+    known = site.survey.recordings
     one = known["B1"]["R1"]
     seismogram = replace(one.seismogram, velocity=one.seismogram.velocity[:70])
     short = replace(one, seismogram=seismogram, clipped=np.zeros((70, 3), dtype=bool))
     records = {**known, "B1": {**known["B1"], "R1": short}}
 
     with pytest.raises(InputError, match=r"B1: the record of R1 ends 0\.0\d+ s after"):
-        case_of(site.changed(records=records))
+        case_of(with_records(site, records))
 
 
 def test_a_further_blast_that_can_not_be_foretold_is_refused_before_any_run(tmp_path):

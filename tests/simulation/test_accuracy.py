@@ -12,7 +12,7 @@ from pyblast.project.project import load_project
 from pyblast.project.result import compliance_table, simulated_table
 from pyblast.signals.seismogram import Seismogram
 from pyblast.signals.spectra import highest_frequency
-from pyblast.simulation.accuracy import MOST, needed_frequency
+from pyblast.sources.inside import MOST, needed_frequency
 
 LAYERS = '[[mesh.layers]]\nmaterial = "rock"'
 SOIL = '[[mesh.layers]]\nmaterial = "soil"\nthickness_m = {}\n' + LAYERS
@@ -76,6 +76,24 @@ def test_a_short_pulse_is_incomplete_and_nothing_is_compared(tmp_path):
     assert table["rows"] == []
     assert "not assessed" in table["conclusion"]
     assert np.isnan(simulated_table(ringing, band, 34.0)["dominant_frequency"]).all()
+
+
+@pytest.mark.parametrize(
+    ("pulse", "failed"), [("frequency_hz = 20", False), ("peak_time_ms = 3", True)]
+)
+def test_a_stated_band_excuses_no_run_that_holds_almost_nothing_of_its_blast(
+    tmp_path, pulse, failed
+):
+    stated = ("duration_s = 0.1", "duration_s = 0.1\ncompare_band_hz = [3, 8]")
+    project = load_project(written(tmp_path, ("peak_time_ms = 40", pulse), stated, text=INSIDE))
+
+    band = project.accuracy.band
+    finding = band_finding(project, band)
+
+    assert not band.complete
+    assert finding.failed == failed
+    assert (band.peak_share < 1.0 / 3.0) == failed
+    assert ("frequency_hz in its place" in finding.text) == failed
 
 
 def motion(frequencies):
@@ -174,7 +192,7 @@ def test_an_error_above_three_times_the_accuracy_names_receiver_and_cause(tmp_pa
 
 
 def test_the_default_frequency_carries_the_waveform_and_not_the_energy_alone(tmp_path):
-    motion = load_project(written(tmp_path, HOLE, text=INSIDE)).motions[0]
+    motion = load_project(written(tmp_path, HOLE, text=INSIDE)).shot.motions[0]
 
     rough, fine = (needed_frequency(motion, error) for error in (0.1, 0.01))
 
