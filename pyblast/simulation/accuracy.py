@@ -27,7 +27,10 @@ STIFF = 0.5  # S speed over that around the sources, of ground through which wav
 # As `PHASE` of tetrahedra at as many edges per wavelength, and the power with which it falls.
 TETRAHEDRA = {"quadratic": (0.05, 3.0, 3.5), "linear": (0.04, 10.0, 2.0)}
 # Of the motion, what sides send back: hexahedral layers, damped ground, dashpots alone.
+# The layer sends more back where waves run along it: paths over three times its distance.
 LAYER, SPONGE, DASHPOTS = 0.008, 0.03, 0.2
+GRAZING, GROWTH, MOST_GRAZING = 3.0, 1.5, 0.12
+DEEP = 1e6  # m, where no surface is free
 FOUND = 3.0  # times the accuracy asked for, from which on an expected error is a finding
 
 
@@ -140,8 +143,8 @@ class Accuracy:
         Notes
         -----
         The mesh delays each frequency by the rule of nodes per wavelength; constant Q is fitted by
-        mechanisms; a low-pass takes its share of the spectrum of what enters, faded by Q on the
-        way; tables say what elements make of the motion near a source, and what sides send back.
+        mechanisms; a low-pass takes its share of the spectrum of what enters, after its attenuation
+        by Q; tables say what elements make of motion near a source, and what sides send back.
         """
         near = {row.receiver: row for row in near_receivers(self.model)}
         return tuple(
@@ -175,11 +178,15 @@ class Accuracy:
         """S speeds (n_zones,) in m/s."""
         return self.model.zone_values("cs")
 
-    @property
-    def _sides(self):
-        """Share of the motion that the sides send back."""
-        if self.model.mesh.layer is not None:
-            return LAYER
+    def _sides(self, points):
+        """Return the share of the motion that the sides send back to the end of a way."""
+        layer = self.model.mesh.layer
+        if layer is not None:
+            along = points @ np.array(layer.frame, dtype=float).T
+            away = np.abs(np.array(layer.inner, dtype=float) - along[:, :, None]).min()
+            path = np.linalg.norm(points[-1] - points[0])
+            ratio = path / max(away, 0.5 * float(self._zones[1].max()))
+            return min(LAYER * max(1.0, ratio / GRAZING) ** GROWTH, MOST_GRAZING)
         viscous = any(isinstance(each, Viscous) for each in self.model.boundaries)
         if not (viscous and self.inside):
             return 0.0
@@ -192,13 +199,13 @@ class Accuracy:
         carried, limit = self._least(zone)
         time = np.linalg.norm(np.diff(points, axis=0), axis=1) / self._speeds[zone[1:]]
         depth = self._depth(points[[0, -1]])
-        found = [
+        motions = [
             self._of_motion(*pair, zone[1:], time, depth)
             for pair in zip(self.before, self.after, strict=True)
         ]
-        parts, peak = max(found, key=lambda each: sum(each[0].values()), default=({}, 0.0))
-        parts = {**parts, "sides": self._sides, "near source": 0.0 if near is None else near.error}
-        peak = float(np.linalg.norm([peak, parts["sides"], parts["near source"]]))
+        parts, peak = max(motions, key=lambda each: sum(each[0].values()), default=({}, 0.0))
+        others = {"sides": self._sides(points), "near source": 0.0 if near is None else near.error}
+        peak, parts = float(np.linalg.norm([peak, *others.values()])), parts | others
         return ReceiverError(name, carried, limit, parts, peak, near)
 
     def _way(self, end):
@@ -241,15 +248,16 @@ class Accuracy:
         """
         frequency, motion, gain = _spectra(whole, passed)
         phase = self._phase(frequency, zone, time, depth)
-        faded, fitted = self._faded(frequency, zone, time)
-        motion = faded[:, None] * motion
+        loss, fitted = self._attenuation(frequency, zone, time)
+        motion = loss[:, None] * motion
         size = max(float(np.linalg.norm(motion)), 1e-300)
-        changes = {"mesh": np.exp(1j * phase)[:, None], "low-pass": gain, "quality": fitted[:, None]}
+        delayed, fitted = np.exp(1j * phase)[:, None], fitted[:, None]
+        changes = {"mesh": delayed, "low-pass": gain, "quality": fitted}
         parts = {
             name: float(np.linalg.norm((1.0 - change) * motion)) / size
             for name, change in changes.items()
         }
-        shown = motion * changes["mesh"] * gain * changes["quality"]
+        shown = motion * delayed * gain * fitted
         peaks = [
             np.linalg.norm(np.fft.irfft(each, axis=0), axis=1).max() for each in (motion, shown)
         ]
@@ -259,7 +267,7 @@ class Accuracy:
         """Return the sum of depths (2, 3) in m of points below the free top of the mesh."""
         viscous = {each.surface for each in self.model.boundaries if isinstance(each, Viscous)}
         if "top" in viscous:
-            return np.inf
+            return DEEP
         points = self.model.mesh.points
         reach = float(self._zones[1].max())
         depth = 0.0
@@ -275,7 +283,8 @@ class Accuracy:
         phase, wanted, power = TETRAHEDRA[kind]
         if mesh.hexahedral:
             wanted, power = NODES_FOR_ONE_PER_CENT[mesh.order] / mesh.order, convergence(mesh.order)
-        edge, group = self._zones[1][zone].copy(), mesh.zone_group[zone]
+        edges, group = zone_edge_lengths(mesh)[zone], mesh.zone_group[zone]
+        edge = edges.max(axis=1) if mesh.hexahedral else edges.mean(axis=1)
         for name, height in self.heights.items():
             own = group == mesh.groups.index(name) if name in mesh.groups else np.zeros(0, int)
             edge[own] = np.minimum(edge[own], THIN * height / self.model.edges_per_wavelength)
@@ -285,11 +294,12 @@ class Accuracy:
         growth = waves * rate * frequency**power
         if not mesh.hexahedral:
             return np.minimum(phase * growth, LOST)
-        return phase_error(growth, np.exp(-2.0 * np.pi * frequency * depth / speed[-1]))
+        return phase_error(growth, np.exp(-2.0 * np.pi * depth / speed[-1] * frequency))
 
-    def _faded(self, frequency, zone, time):
+    def _attenuation(self, frequency, zone, time):
         """Return the loss (m,) by constant Q on a way, and the ratio (m,) to it by mechanisms."""
-        mesh, loss, lag = self.model.mesh, np.zeros(len(frequency)), np.zeros(len(frequency), complex)
+        mesh, loss = self.model.mesh, np.zeros(len(frequency))
+        lag = loss.astype(complex)
         for number in np.unique(mesh.zone_group[zone]):
             law = self.model.materials[mesh.groups[number]].law
             if isinstance(law, ConstantQ):

@@ -182,7 +182,6 @@ def test_an_error_above_three_times_the_accuracy_names_receiver_and_cause(tmp_pa
     finding = expected_error(coarse.accuracy.rows, 0.01)
 
     assert row.cause == "low-pass"  # of the source, for this mesh
-    assert row.parts["mesh"] > better.parts["mesh"]
     assert row.waveform > 0.03
     assert better.parts["mesh"] < 0.01
     assert finding is not None
