@@ -20,7 +20,7 @@ from zlib import crc32
 import numpy as np
 
 from pyblast.diagnosis.case import case_of
-from pyblast.diagnosis.forward import Forward
+from pyblast.diagnosis.forward import simulation_of
 from pyblast.diagnosis.mistakes import changed_records, mistakes_of, with_velocity
 from pyblast.project.project import load_project, with_further
 
@@ -131,14 +131,14 @@ def row(site, kind, project, folder):
     rng = np.random.default_rng([SEED, crc32(f"{site} {kind}".encode())])
     wrong, asked = spoiled(project, kind, rng)
     began = time.process_time()
-    forwards = []
+    simulations = []
 
     def simulate(case):
-        forwards.append(Forward(case, folder))
-        return forwards[-1]
+        simulations.append(simulation_of(case, folder))
+        return simulations[-1]
 
     found, _ = mistakes_of(wrong, simulate)
-    new = sum(each.runs - each.cached for each in forwards)
+    new = sum(each.runs - each.cached for each in simulations)
     rows = [one.row() for one in found]
     right = not found if asked is None else bool(found) and is_right(rows[0], asked)
     told = None if asked is None else [sorted(a) if isinstance(a, set) else a for a in asked]

@@ -69,12 +69,20 @@ class SurveyReceiver:
         Whether it is recorded or planned; else it is a candidate.
     gridded : bool
         Whether it is a point of the candidate grid.
+    standing : bool
+        Whether it stands on the ground, whatever its height.
     """
 
     name: str
     position: tuple[float, float, float]
     in_survey: bool
     gridded: bool = False
+    standing: bool = True
+
+    @property
+    def unplaced(self) -> list[float]:
+        """Position without the height of the ground where it stands there, m."""
+        return list(map(float, self.position[: 2 if self.standing else 3]))
 
 
 def survey_receivers(projects, in_survey, apart) -> list[SurveyReceiver]:
@@ -90,9 +98,10 @@ def survey_receivers(projects, in_survey, apart) -> list[SurveyReceiver]:
         Smallest distance of a grid point from the receivers.
     """
     known = {r.name: r for project in projects[::-1] for r in project.receivers}
+    high = {p.name for each in projects for p in each.config.receivers if len(p.position_m) == 3}
     receivers = [
-        SurveyReceiver(receiver.name, receiver.position, receiver.name in in_survey)
-        for receiver in known.values()
+        SurveyReceiver(name, at.position, name in in_survey, standing=name not in high)
+        for name, at in known.items()
     ]
     receivers.sort(key=lambda receiver: not receiver.in_survey)
     positions = np.array([receiver.position for receiver in receivers])
@@ -172,32 +181,17 @@ def _damped(project, positions):
 
 
 def with_receivers(project: Project, receivers) -> Project:
-    """Return a project with the receivers of a survey; its mesh and own axes stay."""
+    """Return a project with the receivers of a survey, further ones on its ground."""
     own = {receiver.name: receiver for receiver in project.config.receivers}
     configs = [
         own[receiver.name].model_copy(update={"recorded": None})
         if receiver.name in own
-        else ReceiverConfig(name=receiver.name, position_m=[float(x) for x in receiver.position])
+        else ReceiverConfig(name=receiver.name, position_m=receiver.unplaced)
         for receiver in receivers
     ]
     config = project.config.model_copy(update={"receivers": configs})
     shot = replace(project.shots[0], config=config, held=None)
     return replace(project, config=config, span=project.reach, survey=Survey((shot,)))
-
-
-def _on_other_mesh(project, other, receivers):
-    """Return a project of another mesh with the receivers of a survey, on its own surface."""
-    own = {receiver.name for receiver in project.config.receivers}
-    moved = [
-        receiver
-        if receiver.name in own
-        else replace(
-            receiver,
-            position=tuple(np.array(on_ground(other.mesh, receiver.position[:2]))),
-        )
-        for receiver in receivers
-    ]
-    return with_receivers(other, moved)
 
 
 @dataclass(frozen=True)
@@ -382,7 +376,7 @@ def survey_design_at(
     varied = [with_values(project, parameters, values) for project in everything]
     errors, missing = mesh_errors_of(
         varied, motion, names, window,
-        lambda project, other: _on_other_mesh(project, other, receivers),
+        lambda other: with_receivers(other, receivers),
     )  # fmt: skip
     sensitivities = Sensitivities(
         motion * used, changes * used,

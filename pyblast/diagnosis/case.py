@@ -126,6 +126,8 @@ def _gathered(project, highest):
     """
     project = _with_mesh(project, highest)
     receivers, records = {}, {}
+    parts = [part for shot in project.shots for part in shot.config.receivers]
+    standing = {part.name for part in parts if len(part.position_m) == 2}
     for shot in project.shots:
         each, records[shot.name] = project.of(shot.name), {}
         for receiver in each.receivers:
@@ -144,8 +146,11 @@ def _gathered(project, highest):
             raise InputError(
                 f"{each.path.name}: receivers: none has a record; add [receivers.recorded]"
             )
-    placed = tuple(Receiver(name, *rest) for name, rest in receivers.items())
-    survey = Survey(project.held_shots, placed, records, project.survey.band)
+    stations = tuple(
+        Receiver(name, at[:2] if name in standing else at, *axes)
+        for name, (at, *axes) in receivers.items()
+    )
+    survey = Survey(project.held_shots, stations, records, project.survey.band)
     return replace(project, survey=survey)
 
 

@@ -21,42 +21,27 @@ UPRIGHT = 1e-9  # plan area of a face over the square of its width, below which 
 KIND_NAMES = {"PointForce": "force", "MomentTensor": "moment tensor"}
 
 
-def place_receivers(parts, mesh) -> tuple[Receiver, ...]:
-    """Turn a list of `ReceiverConfig` into receivers; those without height stand on the surface.
-
-    Raises
-    ------
-    InputError
-        If a receiver lies outside of the mesh.
-    """
-    receivers = []
-    for part in parts:
-        with named_error(f"receivers.{part.name}"):
-            position = on_ground(mesh, part.position_m)
-        receivers.append(Receiver(part.name, position, *axes_of(part)))
-    refuse_outside(
-        mesh, {f"receivers.{receiver.name}": receiver.position for receiver in receivers}
+def make_receivers(parts) -> tuple[Receiver, ...]:
+    """Turn a list of `ReceiverConfig` into receivers; those without height are to be `placed`."""
+    return tuple(
+        Receiver(part.name, tuple(map(float, part.position_m)), *axes_of(part)) for part in parts
     )
-    return tuple(receivers)
 
 
-def placed_again(receivers, parts, mesh) -> tuple[Receiver, ...]:
-    """Return receivers in another mesh; those whose `ReceiverConfig` has no height stand on it.
+def placed(receivers, mesh) -> tuple[Receiver, ...]:
+    """Return receivers in a mesh; those without height stand on its surface.
 
     Raises
     ------
     InputError
         If a receiver lies outside of the mesh.
     """
-    standing = {part.name for part in parts if len(part.position_m) == 2}
-    placed = []
+    standing = []
     for receiver in receivers:
         with named_error(f"receivers.{receiver.name}"):
-            if receiver.name in standing:
-                receiver = replace(receiver, position=on_ground(mesh, receiver.position[:2]))
-            placed.append(receiver)
-    refuse_outside(mesh, {f"receivers.{receiver.name}": receiver.position for receiver in placed})
-    return tuple(placed)
+            standing.append(replace(receiver, position=on_ground(mesh, receiver.position)))
+    refuse_outside(mesh, {f"receivers.{receiver.name}": receiver.position for receiver in standing})
+    return tuple(standing)
 
 
 def on_ground(mesh, position) -> tuple[float, float, float]:

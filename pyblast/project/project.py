@@ -38,6 +38,7 @@ from ..recordings.recording import Recording
 from ..signals.seismogram import Seismogram
 from ..simulation.accuracy import Accuracy
 from ..simulation.recipe import (
+    BETTER,
     FINER_ERROR,
     OF_FITS,
     Meshed,
@@ -46,13 +47,14 @@ from ..simulation.recipe import (
     sized_by_blast,
     sizes_for_band,
     sizes_for_error,
+    with_laws,
 )
 from ..solver.initial_stress import joint_pressures
 from ..solver.injection import with_injection
 from ..solver.run import Run, simulate
 from ..sources.face import InputMotion
 from ..sources.inside import Inside
-from ..sources.recorded import axes_of, like_simulated
+from ..sources.recorded import like_simulated
 from ..sources.shot import Shot
 from ..survey import Survey
 from .elastic_ground import ElasticGround, elastic_ground, with_elastic_ground
@@ -62,8 +64,9 @@ from .places import (
     hole_positions,
     longest_path,
     make_absorbing_layer,
-    place_receivers,
+    make_receivers,
     place_sources,
+    placed,
     positions_of,
     radiating_positions,
     single_source,
@@ -267,6 +270,12 @@ class Project:
         frequency = sized_by_blast(self.ground, self._top).frequency
         return sizes_for_error(self.ground, self.meshed.mesh, frequency, error)
 
+    def suited(self, finer: bool = False) -> "Project":
+        """Return the project with zones that its laws allow, finer ones if that is wanted."""
+        mesh = with_laws(self.config.mesh, self.materials)
+        project = self if mesh is self.config.mesh else self.changed(mesh=mesh)
+        return project.changed(mesh=project.refined(BETTER)) if finer else project
+
     @property
     def as_built(self) -> tuple[Row, ...]:
         """Survey of the ground, and of where sources and receivers stand in it."""
@@ -291,17 +300,21 @@ class Project:
             mesh = mesh.split([joint.surface for joint in self.joints])
             return with_damaged_material(self.config.ground, self.blast, mesh)
 
+    @property
+    def stations(self) -> tuple[Receiver, ...]:
+        """Receivers as they are stated, those without height not placed on the ground."""
+        stated = self.survey.receivers
+        return make_receivers(self.config.receivers) if stated is None else stated
+
     @cached_property
     def receivers(self) -> tuple[Receiver, ...]:
         """Receivers; those without height stand on the surface."""
         return self._receivers_in(self.mesh)
 
     def _receivers_in(self, mesh):
-        """Return the receivers of the survey, or of the file in a mesh."""
-        if self.survey.receivers is not None:
-            return self.survey.receivers
+        """Return the receivers in a mesh."""
         with named_error(self.path.name):
-            return place_receivers(self.config.receivers, mesh)
+            return placed(self.stations, mesh)
 
     @property
     def sources(self) -> tuple:
@@ -332,9 +345,7 @@ class Project:
     @cached_property
     def records(self) -> dict[str, Recording]:
         """Records of the first blast by receiver, in the components of simulated seismograms."""
-        axes = {part.name: axes_of(part) for part in self.config.receivers}
-        if self.survey.receivers is not None:
-            axes = {part.name: (part.azimuth, part.normal) for part in self.survey.receivers}
+        axes = {part.name: (part.azimuth, part.normal) for part in self.stations}
         records = {}
         for name, record in self.survey.recordings[self.name].items():
             with named_error(f"{self.path.name}: receivers.{name}.recorded"):

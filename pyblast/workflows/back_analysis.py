@@ -13,9 +13,7 @@ from ..back_analysis.fit import (
     WORK_OF_BETTER,
     Fit,
     Fitter,
-    Runs,
     on_mesh_of_band,
-    seconds_of_run,
 )
 from ..back_analysis.parameters import range_of, table_of
 from ..back_analysis.search import METHODS, BackAnalysis, confirm, make_target, with_plan
@@ -181,9 +179,10 @@ def _fitted(
         trial_log.add([row])
 
     blasts = on_mesh_of_band(target.projects, waves.window.band[1])
-    runs = Runs(blasts, waves.records, waves.window, table.runs, stored, executor, report)
-    fitter = Fitter(runs, target.parameters, progress)
-    (say or silent)(_estimate(fitter, runs))
+    fitter = Fitter(
+        blasts, waves, target.parameters, table.runs, stored, executor, progress, report
+    )
+    (say or silent)(_estimate(fitter))
 
     def written(fit):
         _write(folder, result_of_fit(target, table, fit), before, table, finished=False)
@@ -210,9 +209,9 @@ def result_of_fit(target, table, fit) -> BackAnalysis:
     )  # fmt: skip
 
 
-def _estimate(fitter, runs) -> str:
+def _estimate(fitter) -> str:
     """Return a sentence on how long a fit will take, from the first steps of its model."""
-    each, count = seconds_of_run(runs), fitter.expected
+    each, count = fitter.seconds_of_run(), fitter.expected
     working, better = fitter.expected_by_mesh
     seconds = each * (working + WORK_OF_BETTER * better)
     return (

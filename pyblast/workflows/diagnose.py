@@ -19,7 +19,7 @@ from ..diagnosis.case import Case, case_of
 from ..diagnosis.decision import FINER_MESH, Decision, decide, undecided
 from ..diagnosis.effects import HOLES, Scene, effects_of, predict
 from ..diagnosis.fitting import fit_calibrated
-from ..diagnosis.forward import Forward
+from ..diagnosis.forward import hole_motion, simulation_of
 from ..diagnosis.mistakes import mistakes_of
 from ..diagnosis.search import Search, search
 from ..diagnosis.summary import held_out_blasts, known_so_far, not_computed, summarise_diagnosis
@@ -33,6 +33,7 @@ from ..report.diagnosis import write_diagnosis_report
 from ..runs.parallel import WHOLE, code_hash
 from ..signals.seismogram import Seismogram
 from ..simulation.recipe import BETTER
+from ..simulation.simulation import Simulation
 from ..solver.preparation import versions
 from . import Interrupted, Progress, Say, numbered_folders, result_folder, silent
 
@@ -124,9 +125,9 @@ def diagnose(
     wrong = bool(mistakes) and not correct
     everything = case_of(project)
     report("calibration", 0, 1)
-    case = taught(everything, lambda part: Forward(part, folder, executor))
+    case = taught(everything, lambda part: simulation_of(part, folder, executor))
     scene, finer = prepared(case, folder, executor, failures, wrong, report)
-    forwards = [each for each in (*checks, scene.forward, finer) if each is not None]
+    counted = [each for each in (*checks, scene.simulation, finer) if each is not None]
     if wrong:
         chosen = fit_calibrated(scene)
         done = Search(scene, budget, report, chosen, chosen=chosen)
@@ -140,10 +141,10 @@ def diagnose(
         summary |= {"held_out_blasts": held_out_blasts(everything, scene, decision)}
     summary |= {"not_computed": not_computed(failures)}
     summary |= {
-        "runs": sum(each.runs for each in forwards),
+        "runs": sum(each.runs for each in counted),
         "wall_s": round(time.perf_counter() - began, 1),
-        "kept_runs": sum(each.cached for each in forwards),
-        "kept_s": round(sum(each.cached_s for each in forwards), 1),
+        "kept_runs": sum(each.cached for each in counted),
+        "kept_s": round(sum(each.cached_s for each in counted), 1),
         "seed": seed,
         "budget": budget,
         "corrected": correct,
@@ -159,7 +160,7 @@ def prepared(
     failures: dict | None = None,
     wrong: bool = False,
     progress: Callable = lambda *_: None,
-) -> tuple[Scene, Forward | None]:
+) -> tuple[Scene, Simulation | None]:
     """Calibrate a case and simulate its holes.
 
     Parameters
@@ -177,7 +178,7 @@ def prepared(
     Returns
     -------
     Scene
-    Forward or None
+    Simulation or None
         On the better mesh, None where there is none.
 
     Raises
@@ -188,29 +189,30 @@ def prepared(
         If a run of the reference fails.
     """
     failures = {} if failures is None else failures
-    forward, finer = Forward(case, folder, executor), None
+    simulation, finer = simulation_of(case, folder, executor), None
     if not wrong and case.share is None and case.project.refined(BETTER) is not None:
-        finer = Forward(case, folder, executor, fine=True)  # trusted shots show the mesh's error
+        # trusted shots show the error of the mesh
+        finer = simulation_of(case, folder, executor, finer=True)
     table = case.project.config.diagnosis
     fixed = wrong or case.share is not None or (table is not None and not table.calibrate)
     calibrated = () if fixed else None
     baseline = None
     if finer is not None:
         with contained(failures, FINER_MESH):
-            baseline = calibrate(forward, finer, calibrated)
+            baseline = calibrate(case, simulation, finer, calibrated)
     if baseline is None:
-        finer, baseline = None, calibrate(forward, None, calibrated)
+        finer, baseline = None, calibrate(case, simulation, None, calibrated)
     progress("holes", 0, 1)
     holes = {}
     if not wrong:
         with contained(failures, HOLES):
-            holes = forward.hole_motion(baseline.project)
-    return Scene(forward, baseline, holes, failures), finer
+            holes = hole_motion(simulation, case, baseline.project)
+    return Scene(simulation, baseline, holes, failures), finer
 
 
 def _checking(checks, folder, executor, case):
-    """Return the forward simulation that looks for mistakes in a case, and enter it in a list."""
-    checks.append(Forward(case, folder, executor))
+    """Return the simulation that looks for mistakes in a case, and enter it in a list."""
+    checks.append(simulation_of(case, folder, executor))
     return checks[-1]
 
 

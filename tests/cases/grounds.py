@@ -51,7 +51,7 @@ def case_on(ground):
 
     return case_of(
         with_records(
-            project, {b: {r.name: record() for r in project.receivers} for b in project.blasts}
+            project, {b: {r.name: record() for r in project.stations} for b in project.blasts}
         )
     )
 
@@ -67,11 +67,11 @@ def site_on(ground):
         tables["joints"] = {}
     config = check_config(tables)
     project = make_project(config, "small.toml")
-    project = of_shots(project, site.blasts, site.inside.moment_rate, site.receivers)
+    project = of_shots(project, site.blasts, site.inside.moment_rate, site.stations)
     if ground == "survey":
-        return project.changed(surface=survey(), receivers=on_slope(site.receivers))
+        return project.changed(surface=survey(), receivers=on_slope(site.stations))
     project = project.changed(
-        receivers=below_bench(site.receivers) if ground == "bench" else site.receivers
+        receivers=below_bench(site.stations) if ground == "bench" else site.receivers
     )
     return project.changed(mesh=project.for_band(BAND[1]))
 

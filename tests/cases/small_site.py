@@ -10,7 +10,7 @@ from pyblast.config.config import check_config
 from pyblast.diagnosis.calibration import Baseline, calibrated_parameters, likelihood_of
 from pyblast.diagnosis.case import Case, case_of
 from pyblast.diagnosis.effects import Scene
-from pyblast.diagnosis.forward import Forward
+from pyblast.diagnosis.forward import simulation_of
 from pyblast.model.model import Receiver
 from pyblast.model.source import TimeFunction
 from pyblast.project.project import Project, make_project
@@ -85,7 +85,7 @@ def recorded(
 ):
     """Return a case with records of the truth: coloured noise, a share of the peak, added."""
     blank = {
-        blast: {r.name: _recording(np.zeros((BEFORE + SAMPLES, 3))) for r in site.receivers}
+        blast: {r.name: _recording(np.zeros((BEFORE + SAMPLES, 3))) for r in site.stations}
         for blast in site.blasts
     }
     rng = np.random.default_rng(seed)
@@ -95,7 +95,7 @@ def recorded(
             one.seismogram.velocity.setflags(write=True)
             one.seismogram.velocity[:] = rng.normal(size=one.seismogram.velocity.shape)
     case = case_of(first)
-    motion = Forward(case, fine=fine).motion(truth or site)
+    motion = simulation_of(case, finer=fine).motion(truth or site)
     if change is not None:
         motion = change(motion)
     records = {}
@@ -110,8 +110,8 @@ def recorded(
 
 def scene_of(case: Case) -> Scene:
     """Return a case of the small site as if it were calibrated: one run of each blast."""
-    forward = Forward(case)
-    motion = forward.motion(case.project)
+    simulation = simulation_of(case)
+    motion = simulation.motion(case.project)
     times = DT * np.arange(case.n_samples)
     stretched = times * np.gradient(motion, DT, axis=-1)
     unknowns = calibrated_parameters(case.project)
@@ -121,7 +121,7 @@ def scene_of(case: Case) -> Scene:
         motion, slopes, motion, np.zeros_like(motion), likelihood_of(case),
     )  # fmt: skip
     holes = np.stack([motion[0], np.roll(motion[0], 3, axis=-1), 0.5 * motion[0]])
-    return Scene(forward, baseline, {"S1": motion[:1], "B1": holes})
+    return Scene(simulation, baseline, {"S1": motion[:1], "B1": holes})
 
 
 def _coloured(rng, n):

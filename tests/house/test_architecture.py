@@ -52,7 +52,7 @@ PRIORS_IN_CODE = {"SCALE_SIGMA", "SPEED_SIGMA", "STIFFNESS_SIGMA"}
 # Modules whose public functions take a project without its type.
 UNTYPED_PROJECT = {
     "back_analysis.findings", "back_analysis.identifiability", "back_analysis.survey_design",
-    "back_analysis.trials", "diagnosis.forward", "diagnosis.library.geometry",
+    "back_analysis.trials", "diagnosis.library.geometry",
     "diagnosis.library.ground", "diagnosis.library.paths", "diagnosis.library.sources",
     "project.checks", "project.checks_ground", "project.places",
     "project.result", "report.diagnosis_figures",
