@@ -130,6 +130,7 @@ SCENES = {
     "couple beside a joint that dips 30°": Scene(COUPLE, BESIDE, tilt=30.0),
 }  # fmt: skip
 NAMES = [f"{scene}, {turn}" for scene in SCENES for turn in TURNS]
+KNOWN: set[str] = set()  # scenes with an error that no run says yet
 JOINT = 40.0  # m above the source, before it is tilted
 
 
