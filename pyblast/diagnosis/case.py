@@ -7,9 +7,9 @@ import numpy as np
 from ..errors import InputError
 from ..inference.records import COMPONENTS, Records, band_functions, gather, noise_of
 from ..model.model import Receiver
+from ..project.checks import carried_band
 from ..project.places import longest_path, resolved_receivers, survey_positions
 from ..project.project import Project
-from ..project.validity import carried_band
 from ..signals.seismogram import GEOGRAPHIC, PASS_BAND
 from ..survey import Survey
 from .thresholds import SHORTEST_RECORD
