@@ -121,19 +121,20 @@ def fitted_blasts(project: Project) -> tuple[tuple[Project, ...], Finding | None
         As `blasts_of`, and if the meshes carry nothing of the band.
     """
     blasts = blasts_of(project)
-    names = {name for blast in blasts for name in chosen_records(blast, project)}
+    asked = table_of(project)[0].receivers
+    names = {name for blast in blasts for name in chosen_records(blast, asked)}
     band, finding = carried_band(blasts, blasts[0].compared_band, sorted(names))
     if finding is None:
         return blasts, None
     return tuple(blast.compared_in(band) for blast in blasts), finding
 
 
-def chosen_records(blast: Project, project: Project) -> dict[str, Seismogram]:
-    """Return the records of a blast that the back-analysis of a project uses.
+def chosen_records(blast: Project, names: Sequence[str]) -> dict[str, Seismogram]:
+    """Return the records of a blast that a back-analysis uses, low-passed like what enters.
 
-    They are low-passed like what enters.
+    See `left_out`.
     """
-    unused = left_out([blast], table_of(project)[0].receivers)
+    unused = left_out([blast], names)
     return {
         name: record.seismogram for name, record in blast.comparable.items()
         if (blast.name, name) not in unused

@@ -63,7 +63,7 @@ class Target:
 
     def recorded(self, project) -> dict[str, Seismogram]:
         """Return the records of a project that are used."""
-        return chosen_records(project, self.projects[0])
+        return chosen_records(project, self.receivers)
 
 
 def evaluate(target: Target, points) -> list[dict]:

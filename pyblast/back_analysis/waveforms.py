@@ -60,7 +60,9 @@ def recorded_waveforms(blasts: Sequence[Project], window: Window | None = None) 
         As `Survey.records`: such as a record with too little before the first firing.
     """
     table, window = table_of(blasts[0])[0], window or window_of(blasts)
-    names = dict.fromkeys(name for blast in blasts for name in chosen_records(blast, blasts[0]))
+    names = dict.fromkeys(
+        name for blast in blasts for name in chosen_records(blast, table.receivers)
+    )
     survey = replace(blasts[0].survey, shots=tuple(blast.shot for blast in blasts))
     return survey.records(
         tuple(names), window.band, dt=window.dt, n_samples=window.n_samples,
