@@ -14,7 +14,7 @@ from ..inference.parameter import OTHER, SPEED, STIFFNESS, Parameter, kind_of_ke
 from ..model.material import Material
 from ..project.places import NEAR, resolved_receivers
 from ..project.project import CHEAP, Project, load_project, vary
-from ..project.validity import carried_band
+from ..project.checks import carried_band
 from ..signals.seismogram import Seismogram
 from ..solver.assembly import time_step
 from ..solver.run import run_many

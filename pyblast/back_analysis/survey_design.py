@@ -12,9 +12,9 @@ from ..inference.gauss_newton import DIFFERENCE
 from ..inference.nuisances import DESIGN_LEVELS
 from ..inference.parameter import Parameter, Problem, problem_of
 from ..inference.records import LEAST_NOISE, band_functions, white_noise
+from ..project.checks import carried_band
 from ..project.places import on_ground
 from ..project.project import Project
-from ..project.validity import carried_band, validity
 from ..solver.injection import near_receivers
 from ..solver.slip import Slip, run_with_slip
 from ..sources.inside import NEARLY
@@ -148,7 +148,7 @@ def without_uncertain(projects, receivers, top) -> tuple[list[SurveyReceiver], t
     for project in projects:
         surveyed = with_receivers(project, receivers)
         near |= {row.receiver for row in near_receivers(surveyed.model) if not row.trusted}
-        for row in validity(surveyed):
+        for row in surveyed.accuracy.rows:
             if row.carried < NEARLY * top:
                 low[row.name] = min(row.carried, low.get(row.name, row.carried))
     candidates = [receiver.name for receiver in receivers if not receiver.in_survey]

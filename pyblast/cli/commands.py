@@ -184,7 +184,7 @@ def mesh(
         from ..workflows.run import write_mesh_files
 
         console.show_model_summary(write_mesh_files(loaded, out))
-        console.say(f"written: {out / 'zones.vtu'}, {out / 'joints.vtu'}")
+        console.say(f"written: {out / 'model.vtm'}, {out / 'zones.vtu'}")
         console.say(f"view:    {out / 'view.html'}")
 
 

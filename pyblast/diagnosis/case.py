@@ -6,9 +6,9 @@ import numpy as np
 
 from ..errors import InputError
 from ..inference.records import Records
+from ..project.checks import carried_band
 from ..project.places import NEAR, longest_path, resolved_receivers, survey_positions
 from ..project.project import Project
-from ..project.validity import carried_band
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

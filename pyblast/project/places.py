@@ -251,6 +251,20 @@ def radiating_positions(project) -> np.ndarray:
     return np.array(rows, dtype=float).reshape(-1, 3)
 
 
+def start_of_waves(project, position) -> np.ndarray:
+    """Return the middle (3,) in m of the sources, or where waves to a receiver enter the face."""
+    sources = radiating_positions(project)
+    if len(sources):
+        return sources.mean(axis=0)
+    mesh, across = project.mesh, normal_axis(project)
+    face = mesh.points[np.unique(mesh.surfaces[project.config.input.face])]
+    start = np.array(position, dtype=float)
+    if project.blast is not None:
+        start[2] = np.clip(project.blast.centres[:, 2].mean(), face[:, 2].min(), face[:, 2].max())
+    start[across] = face[:, across].mean()
+    return start
+
+
 def carried_frequency(project, mesh) -> float:
     """Return the highest frequency in Hz that a mesh carries in the ground around the holes."""
     model = Model(

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
@@ -36,6 +36,7 @@ from ..model.model import Model, Receiver, SpongeLayer
 from ..readers.provenance import ReadLog
 from ..recordings.recording import Recording
 from ..signals.seismogram import Seismogram
+from ..simulation.accuracy import Accuracy
 from ..simulation.recipe import (
     BETTER,
     FINER_ERROR,
@@ -65,8 +66,10 @@ from .places import (
     place_sources,
     placed,
     positions_of,
+    radiating_positions,
     single_source,
     source_positions,
+    start_of_waves,
     survey_positions,
 )
 
@@ -425,6 +428,16 @@ class Project:
     def model(self) -> Model:
         """Model with all that enters; its time 0 is `lead` before the first firing."""
         return self._assembled(self.mesh, self.shot, self.receivers)
+
+    @cached_property
+    def accuracy(self) -> Accuracy:
+        """Expected error of the run at each receiver, and the band that it holds."""
+        layers = self.config.mesh.layers
+        heights = {p.material: p.thickness_m for p in layers if p.thickness_m is not None}
+        inside = len(radiating_positions(self)) > 0
+        before, after = self.shot.unfiltered, self.shot.motions
+        start = partial(start_of_waves, self)
+        return Accuracy(self.model, before, after, start, heights, inside)
 
     def _model_on(self, mesh):
         """Return the model on a mesh, not split, that need not be that of the project."""

@@ -36,7 +36,6 @@ from ..project.checks import check
 from ..project.level import CODE as LEVEL
 from ..project.project import Project, load_project
 from ..project.result import comparison_table, motion_table, write_summary, write_text
-from ..project.validity import validity
 from ..report.back_analysis import write_search_report
 from ..report.survey_design import (
     beside_laboratory,
@@ -466,7 +465,7 @@ def find_moment_rate(
             f"{project.path.name}: a moment rate is found from holes_inside and from records of "
             "receivers; add receivers.recorded and the table [holes_inside.charged_hole]"
         )
-    band = min(row.carried for row in validity(project))
+    band = min(row.carried for row in project.accuracy.rows)
     wanted = project.config.run.compare_band_hz
     band = band if wanted is None else min(band, wanted[1])
     dt = 1.0 / (KNOTS_PER_PERIOD * PER_KNOT * band)

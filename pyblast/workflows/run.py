@@ -43,7 +43,6 @@ from ..report.maps import (
     surface_of,
     write_joints,
     write_motion,
-    write_parts,
     write_surface,
     write_zones,
     yield_fields,
@@ -289,9 +288,7 @@ def write_outcome(outcome: Outcome, model: Model) -> None:
     moved = {"displacement": displacement, "peak_velocity": peak}
     fields = outcome.result.arrays["zones"]
     write_zones(folder / "zones.vtu", mesh.points, mesh.zones, fields, moved)
-    if mesh.contacts is not None:
-        write_joints(folder / "joints.vtu", mesh, displacement)
-        write_parts(folder, mesh, displacement)
+    write_joints(folder, mesh, displacement)
     snapshots = {t: v[shown.node] for t, v in run_.snapshots.items()}
     write_motion(folder, mesh.points, mesh.zones, snapshots)
 
@@ -307,12 +304,15 @@ def result_tables(summary: dict) -> dict[str, str]:
     heads = (
         "receiver", "motion", "component", "x_m", "y_m", "z_m", "ppv_mm_per_s",
         "dominant_frequency_hz", "zero_crossing_frequency_hz", "duration_s", "vector_sum_mm_per_s",
+        "expected_error", "expected_peak_error", "cause_of_error",
     )  # fmt: skip
     receivers = [
         [
             name, kind, component, *table["position"], _times(1e3, motion["ppv"][n]),
             motion["dominant_frequency"][n], motion["zero_crossing_frequency"][n],
             motion["duration"][n], _times(1e3, motion["pvs"]),
+            *(table["expected_error"][key] if kind == "simulated" else None
+              for key in ("waveform", "peak", "cause")),
         ]
         for name, table in summary["receivers"].items()
         for kind in ("simulated", "recorded") if (motion := table[kind]) is not None
@@ -381,7 +381,7 @@ def write_curves(folder: Path, result: Result) -> None:
 
 
 def write_mesh_files(project: Project, out: str | Path) -> ModelSummary:
-    """Write ``zones.vtu``, ``joints.vtu`` and the page ``view.html`` of a project's model.
+    """Write ``zones.vtu``, ``model.vtm`` with its joints, and the page ``view.html``.
 
     Returns
     -------
@@ -392,7 +392,7 @@ def write_mesh_files(project: Project, out: str | Path) -> ModelSummary:
     mesh = shown.mesh
     fields = {name: values[shown.zone] for name, values in zone_fields(project.model).items()}
     write_zones(out / "zones.vtu", mesh.points, mesh.zones, fields)
-    write_joints(out / "joints.vtu", mesh)
+    write_joints(out, mesh)
     write_text(out / "view.html", ModelView(project).page())
     return summarise_model(project)
 

@@ -21,7 +21,6 @@ from pyblast.back_analysis.waveforms import (
 )
 from pyblast.errors import InputError, SolverError
 from pyblast.inference.records import band_functions, white_noise
-from pyblast.project.validity import validity
 from pyblast.workflows.back_analysis import RESULT, TRIALS
 
 
@@ -308,7 +307,7 @@ def test_only_the_band_that_the_mesh_carries_is_compared(tmp_path):
     path = noisy(tmp_path)
     path.write_text(path.read_text().replace("[3, 20]", "[3, 60]"))
     project = load_project(path)
-    (row,) = validity(project)
+    (row,) = project.accuracy.rows
 
     target = make_target(project)
     (finding,) = (one for one in findings_of_table(project) if one.code == "D40")
