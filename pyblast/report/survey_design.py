@@ -318,8 +318,8 @@ def trade_off_figure(survey, pair, points, misfits):
         dots(x, y, "runs", values=size, radius=5),
         dots(rows[0]["value"], rows[1]["value"], "best", SIMULATED, radius=6),
     ]
-    scale = {"label": "log10 misfit", "low": size.min(initial=0.0), "high": size.max(initial=0.0),
-             "colours": "greys"}  # fmt: skip
+    low, high = (size.min(), size.max()) if len(size) else (0.0, 1.0)
+    scale = {"label": "log10 misfit", "low": low, "high": high, "colours": "greys"}
     across, upright = (
         axis_of(row["path"], row["low"], row["high"], log=row["log"]) for row in rows
     )
