@@ -54,7 +54,6 @@ from ..solver.injection import with_injection
 from ..solver.run import Run, simulate
 from ..sources.face import InputMotion
 from ..sources.inside import Inside
-from ..sources.recorded import like_simulated
 from ..sources.shot import Shot
 from ..survey import Survey
 from .elastic_ground import ElasticGround, elastic_ground, with_elastic_ground
@@ -64,7 +63,6 @@ from .places import (
     hole_positions,
     longest_path,
     make_absorbing_layer,
-    make_receivers,
     place_sources,
     placed,
     positions_of,
@@ -303,8 +301,7 @@ class Project:
     @property
     def stations(self) -> tuple[Receiver, ...]:
         """Receivers as they are stated, those without height not placed on the ground."""
-        stated = self.survey.receivers
-        return make_receivers(self.config.receivers) if stated is None else stated
+        return self.survey.stations(self.shots[0])
 
     @cached_property
     def receivers(self) -> tuple[Receiver, ...]:
@@ -345,12 +342,7 @@ class Project:
     @cached_property
     def records(self) -> dict[str, Recording]:
         """Records of the first blast by receiver, in the components of simulated seismograms."""
-        axes = {part.name: (part.azimuth, part.normal) for part in self.stations}
-        records = {}
-        for name, record in self.survey.recordings[self.name].items():
-            with named_error(f"{self.path.name}: receivers.{name}.recorded"):
-                records[name] = like_simulated(record, *axes[name]) if name in axes else record
-        return records
+        return self.survey.in_axes(self.shots[0])
 
     @property
     def recorded(self) -> dict[str, Seismogram]:
@@ -366,11 +358,7 @@ class Project:
     @cached_property
     def comparable(self) -> dict[str, Recording]:
         """Return records to set beside simulated motion, low-passed like what enters."""
-        compared = {}
-        for name, record in self.records.items():
-            with named_error(f"{self.path.name}: receivers.{name}.recorded"):
-                compared[name] = record.filtered_like(self.shot.low_pass)
-        return compared
+        return self.survey.comparable(self.shot)
 
     def simulate(
         self,
