@@ -431,6 +431,7 @@ def write_joints(folder, mesh, displacement=None):
 
     contacts, files = mesh.contacts, {"ground": "zones.vtu"}
     for number, name in enumerate(contacts.names if contacts is not None else ()):
+        assert contacts is not None  # it names the joint
         fields, own = {}, contacts.joint == number
         minus, plus, normal = contacts.minus[own], contacts.plus[own], contacts.normal[own]
         if displacement is not None:
