@@ -113,6 +113,9 @@ def run_command(
         Path | None,
         typer.Option(help="Write the model for the program pyblast-run, and simulate nothing."),
     ] = None,
+    error: Annotated[
+        bool, typer.Option("--error", help="Measure the error at receivers by a coarser run.")
+    ] = False,
     verbose: Verbose = False,
 ):
     """Run the whole chain of a project file to a report.
@@ -136,7 +139,9 @@ def run_command(
                 return
             from ..workflows import run as workflow
 
-            outcome = workflow.run(loaded, out, fresh=fresh, progress=progress, say=console.say)
+            outcome = workflow.run(
+                loaded, out, fresh=fresh, error=error, progress=progress, say=console.say
+            )
         console.show_inputs(loaded.log.table(), verbose)
         console.show_outcome(outcome)
         if outcome.check.failed and not accept_findings:

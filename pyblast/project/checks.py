@@ -339,6 +339,7 @@ REMEDIES = {
     "low-pass": "a higher low_pass_hz keeps more of it",
     "quality": "a narrower quality_band_hz is fitted better",
     "sides": "hexahedra, or mesh.padding_m around tetrahedra, absorb more than dashpots",
+    "joint in the layer": "its plane bends there; a larger mesh.size_m moves the layer away",
     "near source": "see finding D38",
 }
 
