@@ -38,7 +38,7 @@ def refuse_two_levels(section) -> None:
     keys = ("pressure_mpa", "peak_mm_per_s", "law", "site_law")
     stated = [key for key in keys if getattr(section, key) is not None]
     if len(stated) > 1:
-        raise ValueError(f"give {stated[0]} or {given[1]}, not both")
+        raise ValueError(f"give {stated[0]} or {stated[1]}, not both")
 
 
 class ChargedHoleConfig(Section):

@@ -213,9 +213,9 @@ class Seismogram:
         alike = isinstance(corner, ZeroPhase) == isinstance(self.low_passed, ZeroPhase)
         if alike and corner == self.low_passed and corner != 0.0:
             return self
-        if alike and corner and self.low_passed:
-            if math.isclose(corner, self.low_passed, rel_tol=1e-6):
-                return self  # a file has nine digits
+        both = corner and self.low_passed
+        if alike and both and math.isclose(corner, self.low_passed, rel_tol=1e-6):
+            return self  # a file has nine digits
         if 0.0 in (corner, self.low_passed):
             raise InputError(
                 f"{self.label or 'record'}: can't be set beside simulated motion some of whose "
