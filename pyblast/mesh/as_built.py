@@ -20,8 +20,7 @@ from .mesh import Mesh, graph_components, locate_in_zones, surface_faces, zone_e
 
 OF_AREA = 0.01  # tolerance of areas, relative
 OF_WAVE = 0.02  # of lengths, over the shortest wavelength
-DEGREES, MOST_DEGREES = 0.5, 5.0  # of angles: of a plane, of one facet of it
-OF_FACET = 0.05  # of the median size: smaller facets may lean
+DEGREES = 0.5  # of angles
 OF_EDGE = 0.1  # of positions, over the distance of nodes there
 EXACT = 1e-6  # m
 OF_ROUGHNESS = 5.0  # over the tolerance of lengths: a tenth of the wavelength
@@ -581,11 +580,8 @@ def _orientation(name, normal, vectors):
         within = DEGREES / np.sin(np.radians(dip))
         yield Row(name, "dip direction, degrees", towards, direction, within)
     across = np.linalg.norm(np.cross(vectors, normal), axis=1)
-    lean = np.degrees(np.arctan2(across, vectors @ normal))
-    mean = float(size @ lean / size.sum())
-    yield Row(name, "mean lean of its facets, degrees", 0.0, mean, DEGREES)
-    worst = float(lean[size >= OF_FACET * np.median(size)].max())
-    yield Row(name, "largest lean of a facet, degrees", 0.0, worst, MOST_DEGREES)
+    lean = float(size @ np.degrees(np.arctan2(across, vectors @ normal)) / size.sum())
+    yield Row(name, "mean lean of its facets, degrees", 0.0, lean, DEGREES)
 
 
 def _dip(normal):
