@@ -11,22 +11,22 @@ from ..errors import InputError
 from ..inference.gauss_newton import DIFFERENCE
 from ..inference.nuisances import DESIGN_LEVELS
 from ..inference.parameter import Parameter, Problem, problem_of
-from ..inference.records import band_functions
-from ..project.inputs import NEARLY, input_band
+from ..inference.records import LEAST_NOISE, band_functions, white_noise
+from ..project.checks import carried_band
 from ..project.places import on_ground
 from ..project.project import Project
-from ..project.validity import carried_band, validity
 from ..solver.injection import near_receivers
+from ..solver.slip import Slip, run_with_slip
+from ..sources.inside import NEARLY
+from ..survey import Survey
 from ..units import plain_number
 from .fit import on_mesh_of_band
 from .identifiability import (
     FisherInformation,
     Sensitivities,
-    Slip,
     is_strength,
     posterior_intervals,
     reason_without_slip,
-    run_with_slip,
     weakest,
 )
 from .parameters import (
@@ -41,11 +41,9 @@ from .parameters import (
 )
 from .waveforms import (
     Window,
-    has_noise_window,
     mesh_errors_of,
-    recorded_noise,
+    recorded_waveforms,
     sampled_motion,
-    white_noise,
     window_of,
 )
 
@@ -69,12 +67,20 @@ class SurveyReceiver:
         Whether it is recorded or planned; else it is a candidate.
     gridded : bool
         Whether it is a point of the candidate grid.
+    standing : bool
+        Whether it stands on the ground, whatever its height.
     """
 
     name: str
     position: tuple[float, float, float]
     in_survey: bool
     gridded: bool = False
+    standing: bool = True
+
+    @property
+    def unplaced(self) -> list[float]:
+        """Position without the height of the ground where it stands there, m."""
+        return list(map(float, self.position[: 2 if self.standing else 3]))
 
 
 def survey_receivers(projects, in_survey, apart) -> list[SurveyReceiver]:
@@ -90,9 +96,10 @@ def survey_receivers(projects, in_survey, apart) -> list[SurveyReceiver]:
         Smallest distance of a grid point from the receivers.
     """
     known = {r.name: r for project in projects[::-1] for r in project.receivers}
+    high = {p.name for each in projects for p in each.config.receivers if len(p.position_m) == 3}
     receivers = [
-        SurveyReceiver(receiver.name, receiver.position, receiver.name in in_survey)
-        for receiver in known.values()
+        SurveyReceiver(name, at.position, name in in_survey, standing=name not in high)
+        for name, at in known.items()
     ]
     receivers.sort(key=lambda receiver: not receiver.in_survey)
     positions = np.array([receiver.position for receiver in receivers])
@@ -141,7 +148,7 @@ def without_uncertain(projects, receivers, top) -> tuple[list[SurveyReceiver], t
     for project in projects:
         surveyed = with_receivers(project, receivers)
         near |= {row.receiver for row in near_receivers(surveyed.model) if not row.trusted}
-        for row in validity(surveyed):
+        for row in surveyed.accuracy.rows:
             if row.carried < NEARLY * top:
                 low[row.name] = min(row.carried, low.get(row.name, row.carried))
     candidates = [receiver.name for receiver in receivers if not receiver.in_survey]
@@ -172,31 +179,17 @@ def _damped(project, positions):
 
 
 def with_receivers(project: Project, receivers) -> Project:
-    """Return a project with the receivers of a survey; its mesh and own axes stay."""
+    """Return a project with the receivers of a survey, further ones on its ground."""
     own = {receiver.name: receiver for receiver in project.config.receivers}
     configs = [
         own[receiver.name].model_copy(update={"recorded": None})
         if receiver.name in own
-        else ReceiverConfig(name=receiver.name, position_m=[float(x) for x in receiver.position])
+        else ReceiverConfig(name=receiver.name, position_m=receiver.unplaced)
         for receiver in receivers
     ]
     config = project.config.model_copy(update={"receivers": configs})
-    return replace(project, config=config, span=project.reach, given={})
-
-
-def _on_other_mesh(project, other, receivers):
-    """Return a project of another mesh with the receivers of a survey, on its own surface."""
-    own = {receiver.name for receiver in project.config.receivers}
-    moved = [
-        receiver
-        if receiver.name in own
-        else replace(
-            receiver,
-            position=tuple(np.array(on_ground(other.mesh, receiver.position[:2]))),
-        )
-        for receiver in receivers
-    ]
-    return with_receivers(other, moved)
+    shot = replace(project.shots[0], config=config, held=None)
+    return replace(project, config=config, span=project.reach, survey=Survey((shot,)))
 
 
 @dataclass(frozen=True)
@@ -381,7 +374,7 @@ def survey_design_at(
     varied = [with_values(project, parameters, values) for project in everything]
     errors, missing = mesh_errors_of(
         varied, motion, names, window,
-        lambda project, other: _on_other_mesh(project, other, receivers),
+        lambda other: with_receivers(other, receivers),
     )  # fmt: skip
     sensitivities = Sensitivities(
         motion * used, changes * used,
@@ -427,7 +420,7 @@ def survey_design_of(project, progress=None) -> SurveyDesign:
     names = sorted({name for blast in records for name in blast})
     band, less = carried_band([*blasts, *candidates], blasts[0].compared_band, names)
     if less is not None:
-        blasts = tuple(blast.having(compared_band=band) for blast in blasts)
+        blasts = tuple(blast.compared_in(band) for blast in blasts)
     middle = np.full(len(parameters), 0.5)
     plan = survey_design_at(
         blasts, parameters, middle, records=records, candidates=candidates, progress=progress
@@ -485,20 +478,21 @@ def _changes(projects, parameters, unit, receivers, window, report):
 
 def _noise(blasts, records, names, window):
     """Return the noise of all receivers, and its source."""
-    rms = blasts[0].config.back_analysis.noise_mm_per_s
+    rms, band = blasts[0].config.back_analysis.noise_mm_per_s, window.band
     measured = all(
-        record is not None and has_noise_window(record, window)
+        record is not None and -record.start >= (LEAST_NOISE - 1e-6) * window.dt
         for blast in records
         for record in blast.values()
     )
     if rms is not None or not measured:
         source = "as given" if rms is not None else "assumed"
         rms = NOISE if rms is None else 1e-3 * rms
-        return white_noise(rms, len(names), window), f"{1e3 * rms:g} mm/s rms in the band, {source}"
-    in_survey = list(dict.fromkeys(name for blast in records for name in blast))
-    noise = recorded_noise(blasts, records, in_survey, window)
-    level = noise.density(np.linspace(window.band[0], window.band[1], 50)).sum(axis=(1, 2))
-    take = [in_survey.index(name) if name in in_survey else int(np.argmax(level)) for name in names]
+        noise = white_noise(rms, len(names), band, window.dt, window.n_samples)
+        return noise, f"{1e3 * rms:g} mm/s rms in the band, {source}"
+    gathered = recorded_waveforms(blasts, window)
+    noise, known = gathered.noise, gathered.receivers
+    level = noise.density(np.linspace(*band, 50)).sum(axis=(1, 2))
+    take = [known.index(name) if name in known else int(np.argmax(level)) for name in names]
     noise = replace(
         noise,
         **{part: getattr(noise, part)[take]
@@ -516,7 +510,7 @@ def _slip(blasts, parameters, values, report):
         varied = with_values(project, parameters, values)
         weak = weakest(project, parameters, values)
         run, strength = run_with_slip(
-            varied.model, varied.duration, input_band(varied), weak, report
+            varied.model, varied.duration, varied.shot.highest_frequency, weak, report
         )
         ppv = {name: seismogram.ppv for name, seismogram in run.seismograms.items()}
         slips[project.path.name] = Slip(strength, ppv)

@@ -16,7 +16,7 @@ from ..units import FACTORS, STEEPEST, plain_number, split_key, to_si
 
 # Smallest positive value and largest magnitude of a number, by the unit in which a key ends.
 RANGES = {
-    "m": (1e-6, 1e5),
+    "m": (1e-6, 1e6),
     "mm": (1e-6, 1e6),
     "s": (1e-9, 1e5),
     "ms": (1e-6, 1e6),
@@ -110,7 +110,7 @@ class Range(NamedTuple):
 
 
 @cache
-def range_of(section: type[BaseModel], key: str) -> Range | None:
+def range_of_key(section: type[BaseModel], key: str) -> Range | None:
     """Return the range of a key from its type and its unit; None where it holds no numbers."""
     field = section.model_fields[key]
     marks = [*_marks(field.annotation), *field.metadata]
@@ -210,21 +210,21 @@ def keys(section: type[BaseModel], path: str = "") -> dict[str, Range]:
     Examples
     --------
     >>> from pyblast.config.config import Config
-    >>> found = keys(Config)["materials.density_kg_per_m3"]
-    >>> found.unit, found.high, found.usual
+    >>> result = keys(Config)["materials.density_kg_per_m3"]
+    >>> result.unit, result.high, result.usual
     ('kg_per_m3', 25000.0, Usual(low=300.0, high=9000.0))
     """
-    found = {}
+    result = {}
     for name, field in section.model_fields.items():
         inner, at = section_in(field.annotation), f"{path}.{name}" if path else name
         if inner is not None:
-            found |= keys(inner, at)
-        elif (known := range_of(section, name)) is not None:
-            found[at] = known
+            result |= keys(inner, at)
+        elif (known := range_of_key(section, name)) is not None:
+            result[at] = known
     if section.model_config.get("extra") == "allow":
         for key in {p.key for law in JOINT_LAWS.values() for p in law.properties.values()}:
-            found[f"{path}.{key}"] = range_of_property(key)
-    return found
+            result[f"{path}.{key}"] = range_of_property(key)
+    return result
 
 
 def range_of_property(key: str) -> Range:
@@ -237,22 +237,22 @@ def range_of_property(key: str) -> Range:
     return Range(unit, -largest, largest, usual=usual)
 
 
-def values_of(section: BaseModel, path: str = "") -> Iterator[tuple[str, Range, float]]:
+def numbers_given(section: BaseModel, path: str = "") -> Iterator[tuple[str, Range, float]]:
     """Yield path, range and value of each number of a table and of those within it."""
     extra = {key: (range_of_property(key), v) for key, v in (section.model_extra or {}).items()}
-    own = {key: (range_of(type(section), key), getattr(section, key))
+    own = {key: (range_of_key(type(section), key), getattr(section, key))
            for key in type(section).model_fields}  # fmt: skip
     for key, (known, value) in (own | extra).items():
         at = f"{path}.{key}" if path else key
         if known is not None:
             yield from ((at, known, number) for number in numbers_in(value))
         elif isinstance(value, BaseModel):
-            yield from values_of(value, at)
+            yield from numbers_given(value, at)
         elif isinstance(value, (dict, list)):
             named = value.items() if isinstance(value, dict) else enumerate(value, start=1)
             for name, part in named:
                 if isinstance(part, BaseModel):
-                    yield from values_of(part, f"{at}.{getattr(part, 'name', name)}")
+                    yield from numbers_given(part, f"{at}.{getattr(part, 'name', name)}")
 
 
 ORDINARY = 100.0  # m, ground of runs that last as long as is usual, and wider
@@ -274,7 +274,7 @@ def unusual(config: BaseModel, materials=None, times=()) -> Finding | None:
     words, numbers = [], {}
     size = config.mesh.size_m
     share = 1.0 if size is None else min(1.0, max(size) / ORDINARY)  # waves cross it sooner
-    for path, known, value in values_of(config):
+    for path, known, value in numbers_given(config):
         if known.usual is None:
             continue
         low, high = (share * end if path == "run.duration_s" else end for end in known.usual)

@@ -22,7 +22,7 @@ from ..readers.cells import Wanted, wanted_by
 from ..readers.provenance import ReadLog
 from ..readers.tables import Rules, read_table, regular_step
 from ..units import plain_number
-from .keys import Bearing, Count, Name, Positive, numbers_in, range_of, section_in
+from .keys import Bearing, Count, Name, Positive, numbers_in, range_of_key, section_in
 
 # Control characters, ends of lines, and marks that turn the direction of writing.
 UNPRINTABLE = re.compile(r"[\x00-\x1f\x7f-\x9f\u2028-\u202e\u2066-\u2069]")
@@ -51,7 +51,7 @@ class Section(BaseModel):
     @classmethod
     def _within(cls, value, info):
         """Refuse numbers beyond the range of their key."""
-        known = range_of(cls, info.field_name)
+        known = range_of_key(cls, info.field_name)
         for number in numbers_in(value) if known else ():
             known.check(number)
         return value

@@ -16,7 +16,7 @@ from ..diagnosis.decision import (
 from ..diagnosis.fitting import Fit
 from ..diagnosis.hypotheses import LIBRARY
 from ..diagnosis.search import material, means
-from ..diagnosis.summary import acts, diagnosis_lines, not_computed
+from ..diagnosis.summary import acts, diagnosis_lines, holes_in_words, not_computed
 from ..diagnosis.thresholds import (
     DECISIVE,
     FAR_FROM_PRIOR,
@@ -27,7 +27,7 @@ from ..errors import contained
 from ..ground.tables import quality_of
 from ..inference.likelihood import ENERGY_SHARE, MESH_SHARE
 from ..project.result import plain, write_text
-from ..units import FACTORS
+from ..units import FACTORS, plain_number
 from .diagnosis_figures import (
     BEFORE,
     Diagnosed,
@@ -39,7 +39,8 @@ from .diagnosis_figures import (
     ranking_figure,
     time_frequency_figure,
 )
-from .run import page
+from .pages import page
+from .view import scene
 
 COMPONENTS = ("east", "north", "up")
 MEANINGS = {
@@ -110,6 +111,7 @@ def _parts(diagnosis, summary, failures):
         "parameters": lambda: parameter_rows(fit),
         "calibration": lambda: calibration_rows(summary),
         "assumptions": lambda: assumptions(diagnosis, summary),
+        "scene": lambda: _scene(diagnosis),
     }
     figures = {
         "maps": (
@@ -137,7 +139,14 @@ def _parts(diagnosis, summary, failures):
 
 
 def lead(diagnosis: Diagnosed, summary: dict) -> str:
-    """Return the result in a few sentences, which begin the page."""
+    """Return the result in a few sentences, which begin the page; suspected misfires first."""
+    silent = summary["suspected_misfires"]
+    first = f"Suspected misfires: {holes_in_words(silent)}. " if silent else ""
+    return first + _answer(diagnosis, summary)
+
+
+def _answer(diagnosis, summary):
+    """Return what was found in a few sentences."""
     outcome, decision = summary["outcome"], diagnosis.decision
     if outcome == "MISTAKE":
         plain_acts = [row["act"] for row in summary["mistakes"]]
@@ -451,16 +460,12 @@ def assumptions(diagnosis: Diagnosed, summary: dict) -> list[str]:
     ]
     if lost > 0.0:
         sentences.append(f"{100 * lost:.2g} % of the samples are clipped or missing and not used.")
-    if case.dead:
-        sentences.append(f"Dead channels are not used: {', '.join(case.dead)}.")
+    if case.unused:
+        listed = "; ".join(f"{name}: {reason}" for name, reason in case.unused.items())
+        sentences.append(f"Records that are not used: {listed}.")
     if summary["data_quality"]["receivers_without_records"]:
         names = joined_by_and(summary["data_quality"]["receivers_without_records"])
         sentences.append(f"Receivers without records are not used: {names}.")
-    if case.near:
-        sentences.append(
-            f"Receivers so near a source that the mesh makes errors above 20 % (D38) are not used: "
-            f"{joined_by_and(case.near)}."
-        )
     if not summary["finished"]:
         sentences.append("The budget of runs ended before the search was complete.")
     return sentences
@@ -486,6 +491,17 @@ def _map_figures(diagnosis, summary) -> Iterator[Figure]:
             targets=targets, points=points, diagnosed=diagnosed,
         ),
     )  # fmt: skip
+
+
+def _scene(diagnosis):
+    """Return the view of the project, its receivers with their misfit."""
+    case, shown = diagnosis.search.scene.case, scene(diagnosis.search.scene.case.project)
+    for title, fit in fits_shown(diagnosis).items():
+        for name, misfit in zip(case.receivers, means(fit.chi_square, 0), strict=True):
+            receiver = shown["receivers"][name]
+            receiver["rows"].append((f"misfit {title}", plain_number(misfit)))
+            receiver["over"] = bool(receiver.get("over") or misfit >= MATERIAL)
+    return shown
 
 
 def _diagnosed(diagnosis):

@@ -13,9 +13,7 @@ from ..back_analysis.fit import (
     WORK_OF_BETTER,
     Fit,
     Fitter,
-    Runs,
     on_mesh_of_band,
-    seconds_of_run,
 )
 from ..back_analysis.parameters import range_of, table_of
 from ..back_analysis.search import METHODS, BackAnalysis, confirm, make_target, with_plan
@@ -38,7 +36,6 @@ from ..project.checks import check
 from ..project.level import CODE as LEVEL
 from ..project.project import Project, load_project
 from ..project.result import comparison_table, motion_table, write_summary, write_text
-from ..project.validity import validity
 from ..report.back_analysis import write_search_report
 from ..report.survey_design import (
     beside_laboratory,
@@ -46,6 +43,7 @@ from ..report.survey_design import (
     summarise_survey,
     write_survey_report,
 )
+from ..report.view import scene
 from ..runs.greens import refuse_what_does_not_superpose
 from ..runs.parallel import input_hash
 from ..signals.comparison import in_common
@@ -124,7 +122,7 @@ def back_analyse(
         return _goes_on(folder, searched["hash"], table)
 
     with result_folder(out, unfinished, fresh=fresh, say=say) as (folder, goes_on):
-        if target.waveforms is None:
+        if target.records is None:
             result = _searched(target, table, folder, searched, goes_on, executor, progress)
         else:
             stored = folder / RUNS if runs is None else Path(runs)
@@ -136,7 +134,7 @@ def back_analyse(
         tell("writing", 0, 1)
         summary = _write(folder, result, before, table, finished=True)
         try:
-            write_search_report(folder / "report.html", summary, result.confirmed)
+            write_search_report(folder / "report.html", summary, result.confirmed, scene(project))
         except Exception as error:  # a page costs itself alone: values and intervals are written
             result = replace(result, missing=(*result.missing, f"report.html: {error}"))
             _write(folder, result, before, table, finished=True)
@@ -173,17 +171,18 @@ def _fitted(
     target, table, folder, searched, before, stored, executor, progress, say
 ) -> BackAnalysis:
     """Fit waveforms; runs are stored, so that a search goes on whatever its number of runs."""
-    waves = target.waveforms
-    assert waves is not None  # else searched
+    records = target.records
+    assert records is not None  # else searched
     trial_log = TrialLog(folder / TRIALS, searched)
 
     def report(row):
         trial_log.add([row])
 
-    blasts = on_mesh_of_band(target.projects, waves.window.band[1])
-    runs = Runs(blasts, waves.records, waves.window, table.runs, stored, executor, report)
-    fitter = Fitter(runs, target.parameters, progress)
-    (say or silent)(_estimate(fitter, runs))
+    blasts = on_mesh_of_band(target.projects, records.band.high)
+    fitter = Fitter(
+        blasts, records, target.parameters, table.runs, stored, executor, progress, report
+    )
+    (say or silent)(_estimate(fitter))
 
     def written(fit):
         _write(folder, result_of_fit(target, table, fit), before, table, finished=False)
@@ -210,9 +209,9 @@ def result_of_fit(target, table, fit) -> BackAnalysis:
     )  # fmt: skip
 
 
-def _estimate(fitter, runs) -> str:
+def _estimate(fitter) -> str:
     """Return a sentence on how long a fit will take, from the first steps of its model."""
-    each, count = seconds_of_run(runs), fitter.expected
+    each, count = fitter.seconds_of_run(), fitter.expected
     working, better = fitter.expected_by_mesh
     seconds = each * (working + WORK_OF_BETTER * better)
     return (
@@ -341,6 +340,7 @@ def summarise_search(result: BackAnalysis, findings: Sequence[Finding]) -> dict:
         "blasts": {name: _blast_table(blast) for name, blast in result.confirmed.items()},
         "plan": None if result.plan is None else summarise_survey(result.plan),
         "missing": list(result.missing),
+        "unused_records": target.unused,
         "findings": [asdict(finding) for finding in findings],
         "files_sha256": project.input_files,
         "provenance": versions(identity(target, result.method, result.seed)["hash"]),
@@ -465,7 +465,7 @@ def find_moment_rate(
             f"{project.path.name}: a moment rate is found from holes_inside and from records of "
             "receivers; add receivers.recorded and the table [holes_inside.charged_hole]"
         )
-    band = min(row.carried for row in validity(project))
+    band = min(row.carried for row in project.accuracy.rows)
     wanted = project.config.run.compare_band_hz
     band = band if wanted is None else min(band, wanted[1])
     dt = 1.0 / (KNOTS_PER_PERIOD * PER_KNOT * band)
@@ -477,7 +477,8 @@ def find_moment_rate(
     pulse = spline(np.arange(0.0, 4.0 + 1e-9, 1.0 / (FINE * PER_KNOT)))
     unit = TimeFunction(pulse, dt / FINE)
     inside = replace(project.inside, moment_rate=unit, low_pass=None, unfiltered=None)
-    probe = replace(project, given={**project.given, "inside": inside})
+    survey = replace(project.survey, shots=(replace(project.shot, held=inside),))
+    probe = replace(project, survey=survey)
     refuse_what_does_not_superpose(probe.model)
     run = simulate_model(probe.model, probe.duration, progress=progress)
     motion = probe.simulated(run.seismograms)

@@ -13,16 +13,16 @@ from ..blasts.signature import travel_shifts
 from ..config.config import DelaysConfig
 from ..errors import InputError, named_error
 from ..planning import DelayPlan, FiringScatter, plan_delays, rows_pattern
-from ..project.inputs import make_firing, read_hole
 from ..project.project import Project, load_project
 from ..project.result import write_summary
-from ..project.validity import band_of, validity
 from ..report.delays import write_delay_report
 from ..runs.blast_ensemble import BlastSpectra, blast_spectra, signature_spectra
 from ..runs.greens import greens_functions
 from ..runs.parallel import input_hash
 from ..signals.comparison import load_limits
 from ..solver.preparation import versions
+from ..sources.recorded import read_hole
+from ..sources.shot import make_firing
 from . import Progress, Say, csv_table, new_folder, silent, write_tables
 
 RESULT, REPORT = "delays.json", "report.html"
@@ -202,10 +202,10 @@ def _spectra(
 def _refuse_missing_band(project: Project, names: list[str]) -> None:
     """Refuse delays by motion that the mesh does not carry to the houses."""
     table, where = _settings(project)[0], f"{project.path.name}: delays.band_hz"
-    carried = {row.name: row.carried for row in validity(project) if row.name in names}
+    carried = {row.name: row.carried for row in project.accuracy.rows if row.name in names}
     least = min(carried, key=lambda name: carried[name])
     if table.band_hz is None:
-        band = band_of(project)
+        band = project.accuracy.band
         if not band.complete:
             raise InputError(
                 f"{where}: missing, and the run holds {100 * band.energy_share:.2g} % of the "

@@ -154,7 +154,7 @@ def test_d27_holes_in_the_model_that_enter_through_a_face(tmp_path):
 
 
 def test_d30_a_run_that_would_be_refused_for_its_memory(tmp_path):
-    long = written(tmp_path, ("duration_s = 0.1", "duration_s = 1e9"))
+    long = written(tmp_path, ("duration_s = 0.1", "duration_s = 1e5"))
 
     assert codes(long)["D30"].failed
 

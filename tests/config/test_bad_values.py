@@ -57,14 +57,14 @@ def test_charges_of_zero_do_not_enter(tmp_path, text, reference):
     )
     project = load_project(written(tmp_path, text=f"{head}{file}{rest}"))
 
-    with pytest.raises(InputError, match="all charges are zero, so nothing enters"):
+    with pytest.raises(InputError, match="all charges are zero, so nothing|no hole has a charge"):
         _ = project.model
 
 
 @pytest.mark.parametrize("size", ["radius_m = 500", "extent_m = [500, 400]"])
 def test_a_fault_that_ends_beyond_its_box_is_refused(tmp_path, size):
     with pytest.raises(InputError, match=r"faults\.F1\.\w+: reaches beyond the box"):
-        read_config(written(tmp_path, ("through_m = [30, 0, 0]", f"through_m = [30, 0, 0]\n{size}")))
+        read_config(written(tmp_path, ("through_m", f"{size}\nthrough_m")))
 
 
 @pytest.mark.parametrize(("wave", "azimuth"), [("SH", 90), ("SV", 0)])
@@ -72,8 +72,8 @@ def test_a_plane_wave_needs_motion_along_it(wave, azimuth):
     import numpy as np
 
     from pyblast.config.config import InputConfig
-    from pyblast.project.inputs import make_entry
     from pyblast.signals.seismogram import Seismogram
+    from pyblast.sources.face import make_entry
 
     upright = np.outer(np.hanning(9), [0.0, 0.0, 1.0] if wave == "SH" else [1.0, 0.0, 0.0])
     config = InputConfig(
