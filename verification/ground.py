@@ -531,7 +531,8 @@ def table(found: dict) -> list[str]:
     ]
     if found["turned"]:
         lines += [f"| runs beside a turned, mirrored or moved one | {found['turned']} |",
-                  f"| of these within the errors they expect | {found['turned_within']} |"]  # fmt: skip
+                  "| of these within the errors they expect | "
+                  f"{found['turned_within']} |"]  # fmt: skip
         for how, (median, most) in found["turned_apart"].items():
             words = f"{100.0 * median:.2g} %, at most {100.0 * most:.2g} %"
             lines.append(f"| difference of records, {how}, of the amplitude | {words} |")

@@ -391,7 +391,7 @@ class MaterialConfig(Section):
         }
         chosen = [name for name, wanted in laws.items() if wanted]
         if len(chosen) > 1:
-            raise ValueError(f"{chosen[0]} and {given[1]} exclude one another; keep one")
+            raise ValueError(f"{chosen[0]} and {chosen[1]} exclude one another; keep one")
         if self.yielding is not None and self.cohesion_kpa is None:
             raise ValueError("cohesion_kpa is missing beside yielding")
         return self

@@ -16,9 +16,9 @@ from ..mesh.as_built import Row
 from ..mesh.mesh import surface_zones, zone_edge_lengths
 from ..model.boundary import Roller, Viscous
 from ..signals.spectra import highest_frequency
+from ..simulation.accuracy import FOUND, Band
 from ..solver.initial_stress import joint_pressures
 from ..solver.injection import near_receivers, refusal
-from ..simulation.accuracy import FOUND, Band
 from ..sources.inside import NEARLY, shape
 from ..units import plain_number
 from . import checks_ground

@@ -52,7 +52,7 @@ from ..report.run import write_report
 from ..report.view import ModelView
 from ..signals.comparison import Comparison, compare
 from ..signals.response_spectra import response_spectra
-from ..signals.seismogram import GEOGRAPHIC, Seismogram
+from ..signals.seismogram import GEOGRAPHIC, Seismogram, ZeroPhase
 from ..signals.spectra import smoothed_spectrum
 from ..solver import preparation
 from ..solver import run as solver
@@ -446,6 +446,7 @@ def compare_files(
     sheet: str | None = None,
     unit: str | None = None,
     low_passed_hz: float | None = None,
+    zero_phase: bool = False,
 ) -> tuple[Comparison, Finding | None, list[str]]:
     """Compare a record with a receiver of a result file, or with another record.
 
@@ -468,6 +469,8 @@ def compare_files(
     low_passed_hz : float, Hz, optional
         Corner of the low-pass of the sources of a prediction, which seismological formats don't
         say.
+    zero_phase : bool
+        Whether that is of zero phase.
     """
     bearing = None if bearing_deg is None else math.radians(bearing_deg)
     read = first_recording(
@@ -478,7 +481,8 @@ def compare_files(
         other = first_recording(simulated, read_recording(simulated, bearing=bearing, unit=unit))
         lines, predicted = air + _air_lines(simulated, other), other.seismogram
         if low_passed_hz is not None:
-            predicted = replace(predicted, low_passed=low_passed_hz)
+            kind = ZeroPhase if zero_phase else float
+            predicted = replace(predicted, low_passed=kind(low_passed_hz))
         return compare(record, predicted, band), None, lines
     result = read_result(simulated)
     motions = result.seismograms("simulated")

@@ -198,7 +198,6 @@ def test_the_default_frequency_carries_the_waveform_and_not_the_energy_alone(tmp
     assert highest_frequency(motion) <= rough < fine <= MOST * highest_frequency(motion)
 
 
-
 @pytest.mark.parametrize(("towards", "bends"), [(60.0, True), (90.0, False)])
 def test_a_plane_that_bends_in_the_absorbing_layer_is_a_part_of_the_error(tmp_path, towards, bends):
     (tmp_path / "f.csv").write_text("time_s,force_n\n0,0\n0.02,1e6\n0.04,2e6\n0.06,1e6\n0.08,0\n")
