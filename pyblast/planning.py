@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .errors import InputError
+from .mesh.quality import refuse_beyond_memory
 from .runs.blast_ensemble import BlastSpectra
 
 FARTHEST = 4.0  # standard deviations, to which larger deviations (6 in 10^5) are clipped
@@ -62,7 +63,11 @@ class FiringScatter:
         times, scales : (n_blasts, n_holes) float64
         """
         generator, times = np.random.default_rng(seed), np.asarray(times, dtype=float)
-        deviations = generator.standard_normal((n_blasts, 2 * len(times) + 3))
+        size = n_blasts, 2 * len(times) + 3
+        refuse_beyond_memory(
+            f"{n_blasts} draws of {len(times)} holes", 4.0 * 8.0 * math.prod(size), "fewer draws"
+        )
+        deviations = generator.standard_normal(size)
         deviations = np.clip(deviations, -FARTHEST, FARTHEST)
         late, strong = np.split(deviations[:, 3:], 2, axis=1)
         unsure = np.exp(self.doubt * deviations[:, :2])

@@ -54,7 +54,10 @@ def _pages():
         return float("inf")
 
 
-def refuse_beyond_memory(what: str, needed: float) -> None:
+REMEDY = "longer edges, fewer receivers or a shorter duration"
+
+
+def refuse_beyond_memory(what: str, needed: float, remedy: str = REMEDY) -> None:
     """Raise InputError if more memory is needed than is available.
 
     Raises
@@ -66,7 +69,7 @@ def refuse_beyond_memory(what: str, needed: float) -> None:
     if needed > free:
         raise InputError(
             f"{what} needs about {needed / 1e9:.3g} GB of memory, the machine has "
-            f"{free / 1e9:.3g} GB left; take longer edges, fewer receivers or a shorter duration"
+            f"{free / 1e9:.3g} GB left; take {remedy}"
         )
 
 
