@@ -16,6 +16,7 @@ from .ground_fields import GroundField
 from .joint import Joint
 from .material import Branch, Damping, Material, ZoneLaw
 from .source import Source
+from .thin_layers import carried_by_thin_layers
 
 HEX_NODES = 5.0  # of hexahedra per S wavelength, for an error of about one per cent
 
@@ -381,9 +382,14 @@ class Model:
         return 3.0 if self.quadratic else 10.0
 
     def highest_frequency(self) -> dict[str, float]:
-        """Return the highest frequency of each group in Hz: Cs over 10 mean edges, eq. (1)."""
+        """Return the highest frequency of each group in Hz: Cs over 10 mean edges, eq. (1).
+
+        Thin layers of flat hexahedra carry more: `carried_by_thin_layers`.
+        """
+        speeds = {group: self.materials[group].cs for group in self.mesh.groups}
+        thin = carried_by_thin_layers(self.mesh, speeds, self.edges_per_wavelength)
         return {
-            group: self.materials[group].cs / (self.edges_per_wavelength * edge)
+            group: max(speeds[group] / (self.edges_per_wavelength * edge), thin.get(group, 0.0))
             for group, edge in self.mean_edges().items()
         }
 
