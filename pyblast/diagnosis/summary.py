@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 
 import numpy as np
 from scipy import signal
@@ -15,7 +14,7 @@ from .case import Case, case_of
 from .cross_validation import CrossValidation
 from .decision import FINER_MESH, RESOLUTION, RESOLUTION_DECIDED_BY, Decision, intervals
 from .effects import PredictionScene, Scene, with_motion_effects
-from .forward import surface_speed
+from .forward import simulation_of, surface_speed
 from .hypotheses import LIBRARY, blast_and_hole, untestable_labels
 from .mistakes import Mistake
 from .scores import detection_limits
@@ -27,6 +26,7 @@ UNSURE = "CLASS", "PARTIAL", "UNKNOWN", "MISTAKE"  # outcomes on which a predict
 WINDOW = 0.8  # share of the energy of a residual that lies in its windows
 GRID = 25  # points along the longer side of the plan
 NEARLY = 0.9  # of the largest stack, above which a point is as good
+SILENT = 0.5  # of what the charge of a hole should radiate; below it a misfire is suspected
 
 
 def summarise_diagnosis(
@@ -56,7 +56,8 @@ def summarise_diagnosis(
     return {
         "outcome": decision.outcome,
         "mistakes": [mistake.row() for mistake in mistakes],
-        "effects": _effects(decision),
+        "effects": _effects(decision, case),
+        "suspected_misfires": suspected_misfires(decision, case),
         "class": list(decision.rivals) if len(decision.rivals) > 1 else [],
         "not_testable": _not_testable(search),
         "detection_limits": limits,
@@ -78,7 +79,7 @@ def summarise_diagnosis(
             "band_hz": [case.band.low, case.band.high],
             "band_limited": case.carried,
             "clipped": _clipped(case),
-            "low_pass_hz": {name: case.project.of(name).low_pass for name in case.blasts},
+            "low_pass_hz": {name: case.project.survey.shot(name).low_pass for name in case.blasts},
             "excluded_share": round(float(np.mean(~case.valid)), 4),
         },
         "next_measurement": _next_measurement(search, decision, remainder),
@@ -108,7 +109,7 @@ def known_so_far(search: Search) -> dict:
         "fitted": _ranking(search),
         "scores": _one_digit(search.classes()),
         "not_testable": _not_testable(search),
-        "runs": search.scene.forward.runs,
+        "runs": search.scene.simulation.runs,
     }  # fmt: skip
 
 
@@ -126,9 +127,9 @@ def _calibration(baseline, fit):
 def _clipped(case):
     """Return the blasts in which a channel is clipped, by receiver."""
     clipped = {}
-    projects = {each.name: each for each in (case.project, *case.project.further)}
+    recordings = case.project.survey.recordings
     for blast in case.blasts:
-        for name, record in projects[blast].records.items():
+        for name, record in recordings[blast].items():
             if np.any(record.clipped):
                 clipped.setdefault(name, []).append(blast)
     return clipped
@@ -142,6 +143,8 @@ def diagnosis_lines(summary: Mapping) -> list[str]:
         targets = effect["target"] if isinstance(effect["target"], list) else [effect["target"]]
         where = f" at {', '.join(targets)}" if any(targets) else ""
         lines.append(f"  {effect['label']}{where}: {effect['claim']}")
+    if summary["suspected_misfires"]:
+        lines.append(f"  suspected misfires: {holes_in_words(summary['suspected_misfires'])}")
     if summary["class"]:
         lines.append(f"  these records cannot distinguish {', '.join(summary['class'])}")
     evidence, tested = summary["evidence"], summary["held_out"]
@@ -210,7 +213,54 @@ def _ranking(search):
     ]  # fmt: skip
 
 
-def _effects(decision):
+def suspected_misfires(decision: Decision, case: Case) -> list[dict]:
+    """Return the holes that may hold unfired explosive, by the best effects, accepted or not.
+
+    Parameters
+    ----------
+    decision : Decision
+    case : Case
+
+    Returns
+    -------
+    list of dict
+        ``blast``, ``hole``, ``radiated``: share of what its charge should radiate, below
+        `SILENT`, with ``low`` and ``high``, its 90 % interval.
+    """
+    fit = decision.best if decision.best is not None and not decision.fit.effects else decision.fit
+    rows = []
+    for effect, table in zip(fit.effects, intervals(fit), strict=True):
+        if effect.label != "misfire_or_charge_error":
+            continue
+        blast, hole = blast_and_hole(effect.target)
+        (scales,) = table.values()
+        if isinstance(scales, list):
+            ids = case.project.blasts[blast].hole_ids
+        elif hole:
+            ids, scales = (hole,), [scales]
+        else:  # the whole blast by one factor
+            continue
+        rows += [
+            {"blast": blast, "hole": name,
+             "radiated": scale["value"], "low": scale["low"], "high": scale["high"]}
+            for name, scale in zip(ids, scales, strict=True) if scale["value"] < SILENT
+        ]  # fmt: skip
+    return rows
+
+
+def holes_in_words(rows: Sequence[Mapping]) -> str:
+    """Return suspected misfires by blast and hole, with share and interval."""
+    blasts: dict[str, list[str]] = {}
+    for row in rows:
+        share = f"{row['hole']} ({row['radiated']:.2f}, {row['low']:.2f} to {row['high']:.2f})"
+        blasts.setdefault(row["blast"], []).append(share)
+    return "; ".join(
+        f"hole{'s' * (len(holes) > 1)} {', '.join(holes)} of blast {blast}"
+        for blast, holes in blasts.items()
+    )
+
+
+def _effects(decision, case):
     """Return one entry for each label of the best model."""
     entries = {}
     for effect, table in zip(decision.fit.effects, intervals(decision.fit), strict=True):
@@ -226,6 +276,9 @@ def _effects(decision):
             },
         )
         target, hole = blast_and_hole(effect.target)
+        for rows in (rows for rows in table.values() if isinstance(rows, list)):
+            for row, own in zip(rows, case.project.blasts[target].hole_ids, strict=True):
+                row["hole"] = own
         key = target if target not in entry["target"] else effect.name
         entry["target"].append(target)
         entry["parameters"][key] = table | ({"hole": hole} if hole else {})
@@ -299,7 +352,21 @@ def _not_scored(search, label):
 
 
 def _next_measurement(search, decision, remainder):
-    """Return what to measure next; the remainder decides where no effect needs a measurement."""
+    """Return what to do next: what is safe first, then what to measure.
+
+    Where no effect needs a measurement, the remainder decides.
+    """
+    silent = suspected_misfires(decision, search.scene.case)
+    if silent and decision.outcome != "MISTAKE":
+        return (
+            f"keep people and machines off {holes_in_words(silent)}, which may hold unfired "
+            f"explosive, until they are inspected; then {_measurement(search, decision, remainder)}"
+        )
+    return _measurement(search, decision, remainder)
+
+
+def _measurement(search, decision, remainder):
+    """Return the measurement that decides what is open."""
     if decision.outcome == "MISTAKE":
         return "correct the records, or diagnose with --correct, then the ground is judged"
     if decision.outcome == "NULL":
@@ -478,14 +545,14 @@ def held_out_blasts(everything: Case, scene: Scene, decision: Decision) -> dict 
     case, fit = scene.case, decision.fit
     further = case_of(case.project, table.held_out)
     further = further if case.share is None else like_taught(further, case)
-    forward = replace(scene.forward, case=further)
+    simulation = simulation_of(further, scene.simulation.folder, scene.simulation.executor)
     apart = [e for e in fit.effects if blast_and_hole(e.target)[0] not in case.blasts]
     shares = []
     for values, effects in ((scene.baseline.values, ()), (fit.values, apart)):
         site = scene.project(values, effects)
         assert site is not None  # it was fitted
-        own = PredictionScene(forward, site)
-        shares.append(explained(further, with_motion_effects(own, forward.motion(site), effects)))
+        own, motion = PredictionScene(simulation, further, site), simulation.motion(site)
+        shares.append(explained(further, with_motion_effects(own, motion, effects)))
     before, after = shares
     return {
         "blasts": list(further.blasts),
