@@ -387,12 +387,19 @@ class Model:
 
         Thin layers of flat hexahedra carry more: `carried_by_thin_layers`.
         """
-        speeds = {group: self.materials[group].cs for group in self.mesh.groups}
-        thin = carried_by_thin_layers(self.mesh, speeds, self.edges_per_wavelength)
         return {
-            group: max(speeds[group] / (self.edges_per_wavelength * edge), thin.get(group, 0.0))
+            group: max(
+                self.materials[group].cs / (self.edges_per_wavelength * edge),
+                self.thin_layers.get(group, 0.0),
+            )
             for group, edge in self.mean_edges().items()
         }
+
+    @cached_property
+    def thin_layers(self) -> dict[str, float]:
+        """Highest frequency in Hz that flat hexahedra of thin layers at the top carry."""
+        speeds = {group: self.materials[group].cs for group in self.mesh.groups}
+        return carried_by_thin_layers(self.mesh, speeds, self.edges_per_wavelength)
 
     def doubles(self, boundary: StressInput) -> bool:
         """Return whether a stress input is doubled: as given, or if the surface is viscous."""

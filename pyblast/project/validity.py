@@ -88,7 +88,8 @@ def validity(project: Project) -> tuple[ReceiverValidity, ...]:
     The mesh carries ``cs / (n e)`` in the zones, of mean edge e, that the way from the middle of
     the sources to the receiver meets, at last up through its soft ground; n edges make a
     wavelength. A layer of height H
-    carries ``cs / 8 H`` at least: below that frequency it moves as one.
+    carries ``cs / 8 H`` at least: below that frequency it moves as one; flat zones of thin layers at
+    the top carry what `Model.thin_layers` says.
     """
     mesh = project.model.mesh
     zones = KDTree(mesh.points[mesh.zones].mean(axis=1))
@@ -140,6 +141,7 @@ def _least(project: Project, zones, points):
     for number in np.unique(group):
         own, name = group == number, mesh.groups[number]
         carried[name] = 1.0 / float(np.mean(edges[own] / speed[own]))
+        carried[name] = max(carried[name], model.thin_layers.get(name, 0.0))
         if name in height:
             carried[name] = max(carried[name], float(speed[own].mean()) / (THIN * height[name]))
     name = min(carried, key=lambda group: carried[group])

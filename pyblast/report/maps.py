@@ -352,10 +352,12 @@ def zone_fields(model):
     """Return the fields of zones: group, block, highest frequency carried; dict of (n_zones,)."""
     mesh = model.mesh
     edge = zone_edge_lengths(mesh).mean(axis=1)
+    carried = frequency_of_edge(model.zone_values("cs"), edge, model.edges_per_wavelength)
+    thin = np.array([model.thin_layers.get(name, 0.0) for name in mesh.groups])
     return {
         "group": mesh.zone_group.astype(np.int32),
         "block": mesh.blocks().astype(np.int32),
-        "f_max": frequency_of_edge(model.zone_values("cs"), edge, model.edges_per_wavelength),
+        "f_max": np.maximum(carried, thin[mesh.zone_group]),
     }
 
 
