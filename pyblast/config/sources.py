@@ -36,9 +36,9 @@ class SiteLawConfig(Section):
 def refuse_two_levels(section) -> None:
     """Refuse two levels of a charged hole; without one it follows from a published law."""
     keys = ("pressure_mpa", "peak_mm_per_s", "law", "site_law")
-    given = [key for key in keys if getattr(section, key) is not None]
-    if len(given) > 1:
-        raise ValueError(f"give {given[0]} or {given[1]}, not both")
+    stated = [key for key in keys if getattr(section, key) is not None]
+    if len(stated) > 1:
+        raise ValueError(f"give {stated[0]} or {given[1]}, not both")
 
 
 class ChargedHoleConfig(Section):

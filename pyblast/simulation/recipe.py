@@ -233,12 +233,12 @@ def _resolving(ground, stations, meshed, asked, model_on, build):
     if not needed:
         return meshed
     boxes = {number: partial(_around, model.sources[number]) for number in needed}
-    wider = _widened(ground, meshed, asked, boxes, model_on, build)
-    graded = wider or _graded(ground, meshed, asked, boxes, needed, build)
+    wider = _widened(ground, stations, meshed, asked, boxes, model_on, build)
+    graded = wider or _graded(ground, stations, meshed, asked, boxes, needed, build)
     return graded or meshed
 
 
-def _widened(ground, meshed, asked, boxes, model_on, build):
+def _widened(ground, stations, meshed, asked, boxes, model_on, build):
     """Return a mesh whose open sides lie so far from the sources that these are injected."""
     reach = RING * float(zone_edge_lengths(meshed.mesh).max())
     around = [box(reach) for box in boxes.values()]
@@ -257,7 +257,7 @@ def _widened(ground, meshed, asked, boxes, model_on, build):
         wider = build(replace(asked, box=box, joint_sets=tuple(sets)))
     except InputError:
         return None
-    work = _work(ground, wider.mesh) / _work(ground, meshed.mesh)
+    work = _work(ground, stations, wider.mesh) / _work(ground, stations, meshed.mesh)
     if work > ground.mesh.near_source_work:
         return None
     other = model_on(wider.mesh)
@@ -268,9 +268,9 @@ def _widened(ground, meshed, asked, boxes, model_on, build):
     )
 
 
-def _graded(ground, meshed, asked, boxes, needed, build):
+def _graded(ground, stations, meshed, asked, boxes, needed, build):
     """Return a mesh of shorter edges around sources, for as many receivers as may be."""
-    before, best = _work(ground, meshed.mesh), None
+    before, best = _work(ground, stations, meshed.mesh), None
     for least in _steps(np.concatenate([*needed.values()])):
         lines = []
         for number, edges in needed.items():
@@ -281,7 +281,7 @@ def _graded(ground, meshed, asked, boxes, needed, build):
             finer = build(asked, lines=lines)
         except InputError:  # not mapped any more, or beyond the memory
             break
-        work = _work(ground, finer.mesh) / before
+        work = _work(ground, stations, finer.mesh) / before
         if work > ground.mesh.near_source_work:
             break
         words = f"edges from {least:.3g} m around the sources, {work:.2g} times the work"
@@ -515,7 +515,7 @@ def _hexahedra(ground, stations, geometry, wave, lines=None):
             except (MeshingError, NotMapped) as reason:
                 reasons.setdefault(str(reason).removeprefix("mesh: "))
                 continue
-            work = _work(ground, mesh)
+            work = _work(ground, stations, mesh)
             if np.isfinite(work):
                 yield work, how, mesh
 
@@ -552,16 +552,16 @@ def _sentence(mesh, how, reasons):
     )
 
 
-def _work(ground, mesh):
+def _work(ground, stations, mesh):
     """Return the work of a run: nodes over the step, which line-implicit layers do not set."""
-    thin = thin_layers(ground)
+    thin = thin_layers(ground, stations)
     if not thin:
         return explicit_work(mesh)
     speed = [0.0 if name in thin else ground.materials[name].cp for name in mesh.groups]
     return explicit_work(mesh, np.array(speed)[mesh.zone_group])
 
 
-def thin_layers(ground: Ground, stations: Stations | None = None) -> dict[str, float]:
+def thin_layers(ground: Ground, stations: Stations) -> dict[str, float]:
     """Return the materials of thin layers at the top, with their share of the edges beneath.
 
     Layers from the top on whose edges no key says, which S waves of the highest frequency pass
@@ -583,7 +583,7 @@ def thin_layers(ground: Ground, stations: Stations | None = None) -> dict[str, f
         height += part.thickness_m
         periods += top * (part.thickness_m + relief) / rock.cs
         relief, share = 0.0, share_of_edge(periods)
-        inside = stations is not None and stations.highest_source > surface - height
+        inside = stations.highest_source > surface - height
         if not share or inside or names.count(part.material) > 1:
             break
         thin.append(part.material)
