@@ -14,8 +14,8 @@ def share_of_edge(periods: float) -> float:
     Notes
     -----
     Ground that an S wave of the highest frequency passes within a quarter of its period moves with
-    the rock. Up to a period it traps waves, whose apparent wavelength is between both: theory.md
-    (2.59); errors by width in decisions.md.
+    the rock. Up to a period it traps waves that are shorter than those of the rock and die away
+    within a few thicknesses times Q: decisions.md has the errors by width.
 
     Examples
     --------
