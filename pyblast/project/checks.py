@@ -158,10 +158,11 @@ def _mesh_defects(project, summary):
     yield unusual(project.config, project.materials, times)
     band, centre = project.shot.highest_frequency, project.shot.central_frequency
     for group in summary.groups:
-        yield coarse_zones(
-            group.name, project.model.materials[group.name], group.mean_edge, group.volume, band,
-            project.model.edges_per_wavelength,
-        )  # fmt: skip
+        if group.highest_frequency < band:
+            yield coarse_zones(
+                group.name, project.model.materials[group.name], group.mean_edge, group.volume,
+                band, project.model.edges_per_wavelength,
+            )  # fmt: skip
     names = source_names(project.model.sources, project.blast)
     rows = near_receivers(project.model)
     obstacle = refusal(project.model, project.duration) if rows else ""
