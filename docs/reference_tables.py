@@ -1,4 +1,4 @@
-"""Tables of docs/reference: the hypotheses and the thresholds of a diagnosis.
+"""Tables of docs/reference: hypotheses and thresholds of a diagnosis, limit curves.
 
 `python -m docs.reference_tables PAGE` writes those of a page anew, `--grounds` that of hypotheses
 by ground, too, for which the small site of the tests is meshed on each ground.
@@ -12,6 +12,7 @@ from pyblast.diagnosis import library  # noqa: F401  fills the library
 from pyblast.diagnosis.hypotheses import LIBRARY
 from pyblast.diagnosis.thresholds import threshold_rows
 from pyblast.project.result import write_text
+from pyblast.signals.comparison import load_limits
 
 AXES = {"receivers": "receivers", "blasts": "blasts", "both": "receivers, blasts"}
 PRICES = {"site": "runs", "holes": "none", "motion": "none"}
@@ -19,6 +20,7 @@ HYPOTHESES = (
     "| label, form | claim | of each | runs | held out | parameters: prior, range | decided by |"
 )
 THRESHOLDS = "| threshold | value | unit | meaning | origin |"
+CURVES = "| key | curve | judges | from, to Hz | lowest, highest mm/s | entered from |"
 
 
 def hypotheses() -> str:
@@ -37,7 +39,20 @@ def thresholds() -> str:
     )
 
 
-TABLES = {"library": hypotheses, "thresholds": thresholds}
+def curves() -> str:
+    """Return the limit curves as a table in Markdown, by key."""
+    rows = []
+    for key, curve in sorted(load_limits().items()):
+        frequency, limit = curve.corners.T
+        ends = f"{min(frequency):g}, {max(frequency):g}" if len(limit) > 1 else "all"
+        limits = f"{1e3 * min(limit):.4g}, {1e3 * max(limit):.4g}"
+        rows.append(
+            f"| `{key}` | {curve.name} | {curve.quantity} | {ends} | {limits} | {curve.source} |"
+        )
+    return _table(CURVES, rows)
+
+
+TABLES = {"library": hypotheses, "thresholds": thresholds, "curves": curves}
 
 
 def grounds() -> str:

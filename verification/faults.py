@@ -27,7 +27,6 @@ import numpy as np
 
 from pyblast.project.project import load_project
 from pyblast.project.result import read_result, write_csv
-from pyblast.workflows.run import simulate
 
 from .rows import each_row, options
 
@@ -150,7 +149,7 @@ def records() -> Path:
     folder, rng = Path(tempfile.mkdtemp(prefix="faults-")), np.random.default_rng(SEED)
     path = folder / "made.toml"
     path.write_text(text_of(""), encoding="utf-8")
-    for name, motion in simulate(load_project(path)).seismograms.items():
+    for name, motion in load_project(path).simulate().seismograms.items():
         motion = motion.sampled(-BEFORE, 1.0 / RATE, int(RATE * LENGTH))
         noise = NOISE * rng.normal(size=motion.velocity.shape)
         write_csv(folder / f"{name}.csv", replace(motion, velocity=motion.velocity + noise))

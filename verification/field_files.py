@@ -65,6 +65,53 @@ def site(path: Path) -> list[float]:
     return [*records.distance, *records.charge, *(1e3 * records.ppv)]
 
 
+def ground(unit: str | None = None) -> Callable:
+    """Return a reader of the lowest and highest height in m of a surface over a bench."""
+
+    def read(path):
+        from pyblast.readers.geometry import read_surface
+
+        box = np.array([(0.0, 100.0), (0.0, 60.0), (0.0, 70.0)])
+        heights = read_surface(path, box=box, unit=unit).values.reshape(-1, 3)[:, 2]
+        return [heights.min(), heights.max()]
+
+    return read
+
+
+def areas(path: Path) -> list[float]:
+    """Return the areas of fractures in m2."""
+    from pyblast.model.fractures import polygon_area, read_fractures
+
+    return [polygon_area(fracture.polygon) for fracture in read_fractures(path, "F")]
+
+
+def extent(path: Path) -> list[float]:
+    """Return the lowest and highest coordinates of a mesh in m, and its number of zones."""
+    from pyblast.mesh.importer import read_mesh
+
+    mesh = read_mesh(path)
+    return [*mesh.points.min(axis=0), *mesh.points.max(axis=0), len(mesh.zones)]
+
+
+def clipped(path: Path) -> list[float]:
+    """Return the number of clipped samples of each component."""
+    from pyblast.recordings.recording import read_recording
+
+    return [*read_recording(path)[0].clipped.sum(axis=0)]
+
+
+def response(name: str) -> Callable:
+    """Return a reader of the peaks in mm/s of a record of counts, with a response of a name."""
+
+    def read(path):
+        from pyblast.recordings.recording import read_recording, remove_response
+
+        (counts,) = read_recording(path, unit="counts")
+        return [*(1e3 * remove_response(counts, path.parent / name).seismogram.ppv)]
+
+    return read
+
+
 def text(content: str, name: str = "table.csv", encoding: str = "utf-8") -> Callable:
     """Return a writer of text."""
 
@@ -637,6 +684,79 @@ FILES = (
         "refused",
     ),
 )
+
+INSTANTEL = """"Event Type : Full Waveform"
+"Serial Number : UM1"
+"Units : mm/s and Pa"
+"Record Time : 0.29297 sec at 1024 sps"
+"Tran PPV : high"
+"""
+
+
+def export(titles: str, head: str = INSTANTEL, foot: str = "") -> str:
+    """Return an export of a seismograph without times."""
+    rows = record(MOTION).split("\n")[1:]
+    samples = (row.split(",", 1)[1].replace(",", "\t") for row in rows)
+    return "\n".join([head, titles, *samples, foot])
+
+
+FEET = "131-unit-key-beside-a-table/surface_plain.csv"
+TABLE_IN_FEET = "X (ft),Y (ft),Z (ft)\n0,0,164\n330,0,170\n0,200,160\n330,200,180\n"
+FLAT_TOPS = REPORTED / "141-flat-tops-below-the-range" / "geo8.txt"
+EPOCHS = "135-stationxml-two-epochs"
+FILES += (
+    FieldFile("131 surface in feet, key", "surveys in the United States: surface_unit = \"ft\"",
+              copied(FEET), ground("ft"), [49.0, 61.0]),
+    FieldFile("131 surface in feet, no key", "the same without the key: 100 m above its box",
+              copied(FEET), ground(), "refused"),
+    FieldFile("surface with titles in feet", "exports of points with units in the titles",
+              text(TABLE_IN_FEET), ground(), [48.768, 54.864]),
+    FieldFile("132 offset of a GeoTIFF", "GDAL: heights are stored value x scale + offset",
+              copied("132-geotiff-scale-and-offset/offset_only.tif"), ground(), [48.5, 61.5]),
+    FieldFile("grid without header, as .asc", "state surveys: x y z of a grid, named .asc or .xyz",
+              text("0 0 50\n100 0 51\n0 60 52\n100 60 53\n", "dgm1.asc"), ground(), [50, 53]),
+    FieldFile("133 FracMan in feet", "FORMAT: Length_Unit = Feet",
+              copied("133-fab-units-and-numbers/feet_small.fab"), areas, [36.0]),
+    FieldFile("133 corners from 0", "PorePy writes corners from 0",
+              copied("133-fab-units-and-numbers/from0.fab"), areas, [400.0]),
+    FieldFile("134 nodes in two blocks", "Abaqus: *NODE may be repeated",
+              copied("134-abaqus-instances/two_node_blocks.inp"), extent,
+              [0, 0, 0, 40, 20, 20, 266]),
+    FieldFile("134 a part that is moved", "Abaqus: *INSTANCE with a translation",
+              copied("134-abaqus-instances/instance_moved.inp"), extent, "refused"),
+    FieldFile("135 epochs that overlap", "station metadata with a gain changed and not ended",
+              copied(f"{EPOCHS}/rec.mseed"), response("overlap.xml"), "refused"),
+    FieldFile("135 total sensitivity alone", "station metadata without stages",
+              copied(f"{EPOCHS}/rec.mseed"), response("sens_only.xml"), "refused"),
+    FieldFile("137 point cloud", "scanners and drones: LAS",
+              copied("137-foreign-kinds/cloud.las"), ground(), "refused"),
+    FieldFile("137 triangles of a scanner", "photogrammetry: PLY",
+              copied("137-foreign-kinds/mesh.ply"), ground(), "refused"),
+    FieldFile("triangles of GOCAD", "geological models: TSurf", text("GOCAD TSurf 1\n", "a.ts"),
+              ground(), "refused"),
+    FieldFile("accelerogram of PEER", "strong-motion databases: AT2",
+              text("PEER NGA STRONG MOTION DATABASE RECORD\n", "a.at2"), peaks, "refused"),
+    FieldFile("drill plan in XML", "IREDES of drill rigs",
+              text('<?xml version="1.0"?>\n<DRPPlan xmlns="a"/>', "plan.xml"), blast, "refused"),
+    FieldFile("137 delays in microseconds", "electronic detonators",
+              text(holes(**{"Delay (ms)": "Delay (us)", ",25\n": ",25000\n"})), blast, TWO),
+    FieldFile("charges in tonnes", "reports of a whole blast",
+              text(holes(**{"(kg)": "(t)", ",50,": ",0.05,", ",60,": ",0.06,"})), blast, TWO),
+    FieldFile("141 flat tops below the range", "settings and amplifiers clip below the range",
+              text(FLAT_TOPS.read_text().replace("8.0 mm/s", "254.0 mm/s")), clipped,
+              [174, 0, 108]),
+    FieldFile("142 titles in quotes", "Instantel: ASCII export",
+              copied("142-instantel-header-lines/quoted280.txt"), peaks,
+              [3.8356, 1.926, 3.1132, 1024]),
+    FieldFile("rate in the record time, words for peaks", "Instantel: ASCII export",
+              text(export("Long\tTran\tVert")), peaks, PEAKS),
+    FieldFile("footer of an export", "Instantel: ASCII export",
+              text(export("Long\tTran\tVert", foot="End of data")), peaks, PEAKS),
+    FieldFile("unit and rate above the titles", "loggers: lines of metadata",
+              text(export("Long\tTran\tVert", "Units: mm/s\nSample rate: 1024 Hz")), peaks, PEAKS),
+    FieldFile("acceleration in g", "accelerometers: Vert (g)",
+              copied("137-foreign-kinds/acc_g.csv"), lambda path: peaks(path)[3:], [200.0]),
+)  # fmt: skip
 
 
 def outcome(file: FieldFile, folder: Path) -> tuple[str, bool]:

@@ -17,7 +17,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pyblast import back_analyse, simulate
+from pyblast import back_analyse
 from pyblast.config.config import check_config
 from pyblast.project.project import make_project
 from pyblast.project.result import write_csv, write_text
@@ -71,7 +71,7 @@ def project(edges, **more):
 def record(folder):
     """Write the record of the finer model with noise; return it."""
     fine = project(FINE)
-    motion = simulate(fine).seismograms["wall"]
+    motion = fine.simulate().seismograms["wall"]
     motion = motion.sampled(-QUIET, DT, int((QUIET + DURATION) / DT) - 1)
     noise = np.random.default_rng(SEED).standard_normal(motion.velocity.shape)
     noisy = replace(motion, velocity=motion.velocity + NOISE * motion.ppv * noise, label="wall")

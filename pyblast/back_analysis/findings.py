@@ -265,7 +265,9 @@ def _lacking(result):
         f"{100.0 * LACK:g} %. Above the noise before the blast {share:.2g} % remain at the median "
         f"receiver.{strained} Values then stand for what is lacking, and their intervals need not "
         f"hold the truth: none is called well constrained. `pyblast diagnose {file}` asks what is "
-        "lacking: a closure, slip, another joint, a layer, attenuation, a mistake at a receiver.",
+        "lacking: a closure, slip, another joint, a layer, attenuation, firing times or charges "
+        "other than planned, a mistake at a receiver. Priors that are too narrow look alike: see "
+        "[priors], as of firing times.",
         numbers={"level": fit.posterior.level, "pull": float(pulls[worst])},
     )
 

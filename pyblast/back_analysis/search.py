@@ -19,8 +19,9 @@ from ..project.inputs import input_band
 from ..project.project import Project
 from ..signals.comparison import Comparison, compare
 from ..signals.seismogram import Seismogram
+from ..solver.slip import JointSlip, Slip, run_with_slip
 from .fit import Fit
-from .identifiability import Slip, Strength, reason_without_slip, run_with_slip, weakest
+from .identifiability import reason_without_slip, weakest
 from .parameters import (
     all_blasts,
     blasts_of,
@@ -57,14 +58,14 @@ class Confirmed:
     simulated, recorded : dict of str to Seismogram
     comparisons : dict of str to Comparison
         By receiver.
-    strength : dict of str to Strength
+    strength : dict of str to JointSlip
         By joint surface.
     """
 
     simulated: dict[str, Seismogram]
     recorded: dict[str, Seismogram]
     comparisons: dict[str, Comparison]
-    strength: dict[str, Strength]
+    strength: dict[str, JointSlip]
 
     @property
     def factor(self) -> float:

@@ -17,16 +17,15 @@ from ..project.places import on_ground
 from ..project.project import Project
 from ..project.validity import carried_band, validity
 from ..solver.injection import near_receivers
+from ..solver.slip import Slip, run_with_slip
 from ..units import plain_number
 from .fit import on_mesh_of_band
 from .identifiability import (
     FisherInformation,
     Sensitivities,
-    Slip,
     is_strength,
     posterior_intervals,
     reason_without_slip,
-    run_with_slip,
     weakest,
 )
 from .parameters import (

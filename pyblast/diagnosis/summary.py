@@ -27,6 +27,7 @@ UNSURE = "CLASS", "PARTIAL", "UNKNOWN", "MISTAKE"  # outcomes on which a predict
 WINDOW = 0.8  # share of the energy of a residual that lies in its windows
 GRID = 25  # points along the longer side of the plan
 NEARLY = 0.9  # of the largest stack, above which a point is as good
+SILENT = 0.5  # of what the charge of a hole should radiate; below it a misfire is suspected
 
 
 def summarise_diagnosis(
@@ -56,7 +57,8 @@ def summarise_diagnosis(
     return {
         "outcome": decision.outcome,
         "mistakes": [mistake.row() for mistake in mistakes],
-        "effects": _effects(decision),
+        "effects": _effects(decision, case),
+        "suspected_misfires": suspected_misfires(decision, case),
         "class": list(decision.rivals) if len(decision.rivals) > 1 else [],
         "not_testable": _not_testable(search),
         "detection_limits": limits,
@@ -142,6 +144,8 @@ def diagnosis_lines(summary: Mapping) -> list[str]:
         targets = effect["target"] if isinstance(effect["target"], list) else [effect["target"]]
         where = f" at {', '.join(targets)}" if any(targets) else ""
         lines.append(f"  {effect['label']}{where}: {effect['claim']}")
+    if summary["suspected_misfires"]:
+        lines.append(f"  suspected misfires: {holes_in_words(summary['suspected_misfires'])}")
     if summary["class"]:
         lines.append(f"  these records cannot distinguish {', '.join(summary['class'])}")
     evidence, tested = summary["evidence"], summary["held_out"]
@@ -210,7 +214,54 @@ def _ranking(search):
     ]  # fmt: skip
 
 
-def _effects(decision):
+def suspected_misfires(decision: Decision, case: Case) -> list[dict]:
+    """Return the holes that may hold unfired explosive, by the best effects, accepted or not.
+
+    Parameters
+    ----------
+    decision : Decision
+    case : Case
+
+    Returns
+    -------
+    list of dict
+        ``blast``, ``hole``, ``radiated``: share of what its charge should radiate, below
+        `SILENT`, with ``low`` and ``high``, its 90 % interval.
+    """
+    fit = decision.best if decision.best is not None and not decision.fit.effects else decision.fit
+    rows = []
+    for effect, table in zip(fit.effects, intervals(fit), strict=True):
+        if effect.label != "misfire_or_charge_error":
+            continue
+        blast, hole = blast_and_hole(effect.target)
+        (scales,) = table.values()
+        if isinstance(scales, list):
+            ids = case.project.blasts[blast].hole_ids
+        elif hole:
+            ids, scales = (hole,), [scales]
+        else:  # the whole blast by one factor
+            continue
+        rows += [
+            {"blast": blast, "hole": name,
+             "radiated": scale["value"], "low": scale["low"], "high": scale["high"]}
+            for name, scale in zip(ids, scales, strict=True) if scale["value"] < SILENT
+        ]  # fmt: skip
+    return rows
+
+
+def holes_in_words(rows: Sequence[Mapping]) -> str:
+    """Return suspected misfires by blast and hole, with share and interval."""
+    blasts: dict[str, list[str]] = {}
+    for row in rows:
+        share = f"{row['hole']} ({row['radiated']:.2f}, {row['low']:.2f} to {row['high']:.2f})"
+        blasts.setdefault(row["blast"], []).append(share)
+    return "; ".join(
+        f"hole{'s' * (len(holes) > 1)} {', '.join(holes)} of blast {blast}"
+        for blast, holes in blasts.items()
+    )
+
+
+def _effects(decision, case):
     """Return one entry for each label of the best model."""
     entries = {}
     for effect, table in zip(decision.fit.effects, intervals(decision.fit), strict=True):
@@ -226,6 +277,9 @@ def _effects(decision):
             },
         )
         target, hole = blast_and_hole(effect.target)
+        for rows in (rows for rows in table.values() if isinstance(rows, list)):
+            for row, own in zip(rows, case.project.blasts[target].hole_ids, strict=True):
+                row["hole"] = own
         key = target if target not in entry["target"] else effect.name
         entry["target"].append(target)
         entry["parameters"][key] = table | ({"hole": hole} if hole else {})
@@ -299,7 +353,21 @@ def _not_scored(search, label):
 
 
 def _next_measurement(search, decision, remainder):
-    """Return what to measure next; the remainder decides where no effect needs a measurement."""
+    """Return what to do next: what is safe first, then what to measure.
+
+    Where no effect needs a measurement, the remainder decides.
+    """
+    silent = suspected_misfires(decision, search.scene.case)
+    if silent and decision.outcome != "MISTAKE":
+        return (
+            f"keep people and machines off {holes_in_words(silent)}, which may hold unfired "
+            f"explosive, until they are inspected; then {_measurement(search, decision, remainder)}"
+        )
+    return _measurement(search, decision, remainder)
+
+
+def _measurement(search, decision, remainder):
+    """Return the measurement that decides what is open."""
     if decision.outcome == "MISTAKE":
         return "correct the records, or diagnose with --correct, then the ground is judged"
     if decision.outcome == "NULL":

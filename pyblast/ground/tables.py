@@ -19,6 +19,8 @@ from ..model.model import InSitu
 from ..units import plain_number, split_key, to_si
 from .surface import make_fractures
 
+ORDER_OF_FILES = 4  # of hexahedra that are read
+
 
 def make_fields(config, blast, mesh) -> tuple:
     """Turn a `GroundConfig` into fields of the ground.
@@ -407,8 +409,9 @@ def make_mesh(config, materials, folder, surface=None, log=None, relief=np.inf) 
         from ..mesh.importer import read_mesh
 
         return read_mesh(
-            folder / config.file, config.file_groups or None, [*config.file_joints], log
-        )
+            folder / config.file, config.file_groups or None, [*config.file_joints], log,
+            order=config.order or ORDER_OF_FILES,
+        )  # fmt: skip
     for layer in config.layers:
         if layer.material not in materials:
             raise InputError(

@@ -7,8 +7,11 @@ import numpy as np
 
 from ..errors import ReadError
 
-TRIANGLE, TETRAHEDRON = 2, 4
-DIMENSION = {15: (0, "point"), 1: (1, "line"), 2: (2, "surface"), 4: (3, "group")}
+TRIANGLE, QUADRANGLE, TETRAHEDRON, HEXAHEDRON = 2, 3, 4, 5  # numbers of gmsh
+DIMENSION = {
+    15: (0, "point"), 1: (1, "line"), TRIANGLE: (2, "surface"), QUADRANGLE: (2, "surface"),
+    TETRAHEDRON: (3, "group"), HEXAHEDRON: (3, "group"),
+}  # fmt: skip
 _WIDTHS = {
     15: 1, 1: 2, 2: 3, 4: 4, 3: 4, 5: 8, 6: 6, 7: 5, 8: 3, 9: 6, 10: 9, 11: 10, 12: 27, 13: 18,
     14: 14, 16: 8, 17: 20, 18: 15, 19: 13, 20: 9, 21: 10, 22: 12, 23: 15, 24: 15, 25: 21, 26: 4,
@@ -296,7 +299,10 @@ def _cells_4(cells, groups, version):
     return blocks
 
 
-_MED_TYPES = {"PO1": 15, "SE2": 1, "TR3": TRIANGLE, "TE4": TETRAHEDRON}
+_MED_TYPES = {
+    "PO1": 15, "SE2": 1, "TR3": TRIANGLE, "QU4": QUADRANGLE, "TE4": TETRAHEDRON, "HE8": HEXAHEDRON,
+    "PE6": 6, "PY5": 7,
+}  # fmt: skip
 
 
 def read_med(path: Path) -> CellFile:
@@ -317,6 +323,7 @@ def read_med(path: Path) -> CellFile:
         with h5py.File(path, "r") as file:
             (name,) = file["ENS_MAA"]
             mesh = file["ENS_MAA"][name]
+            _refuse_med_axes(path, mesh.attrs)
             while "NOE" not in mesh:
                 (step,) = mesh
                 mesh = mesh[step]
@@ -331,7 +338,7 @@ def read_med(path: Path) -> CellFile:
                     raise ReadError(f"{path}: a cell names a node that is not there")
                 family = cells["FAM"][()] if "FAM" in cells else np.zeros(count, int)
                 shape = _MED_TYPES.get(kind, kind)
-                prefix = "surface" if shape == TRIANGLE else "group"
+                prefix = DIMENSION.get(shape, (3, "group"))[1]
                 for number in np.unique(family):
                     own = (f"{prefix}_{abs(number)}",) if number else ()
                     names = families.get(int(number), own)
@@ -342,6 +349,17 @@ def read_med(path: Path) -> CellFile:
     except Exception as error:  # broken files can raise any exception in h5py
         reason = " ".join(str(error).split())[:120] or type(error).__name__
         raise ReadError(f"{path}: broken or no med mesh ({reason})") from None
+
+
+def _refuse_med_axes(path, attributes):
+    """Raise ReadError for a MED mesh of a grid, or whose axes are not x, y, z in metres."""
+    texts = (np.asarray(attributes.get(word, "")).astype(str) for word in ("NOM", "UNI"))
+    axes, units = (str(text).split() for text in texts)
+    other = any(attributes.get(word, 0) for word in ("REP", "TYP"))  # Cartesian, unstructured: 0
+    if other or [axis[:1].lower() for axis in axes] not in ([], [*"xyz"]) or {*units} - {"m", "M"}:
+        said = " ".join([*axes, *units])
+        raise ReadError(f"{path}: has axes or a grid that are not read ({said}); write an "
+                        "unstructured mesh of x, y, z in metres")  # fmt: skip
 
 
 def _med_families(file, name):

@@ -1,6 +1,7 @@
 """Drawings: faces, points and polylines of DXF files, with blocks where they are inserted."""
 
 import io
+import re
 from collections import Counter
 from collections.abc import Sequence
 
@@ -27,10 +28,16 @@ def _drawing(name, content):
     from ezdxf.lldxf.const import DXFError
 
     try:
-        drawing, _ = recover.read(io.BytesIO(content))
+        drawing, audit = recover.read(io.BytesIO(content))
+        for error in (*audit.errors, *audit.fixes):
+            mended = re.search(r'recovered invalid .* value "(.*)" near line (\d+)', error.message)
+            if mended and not re.fullmatch(r"\s*[-+]?[.\d]+([eE][-+]?\d+)?\s*", mended[1]):
+                what = f"expected a number, got {mended[1][:40]!r}"
+                raise ReadError(f"{name}, near line {mended[2]}: {what}")
         space = list(drawing.modelspace())
         _refuse_references(name, drawing, space)
-        entities = list(recursive_decompose(space))
+        seen = [entity for entity in space if not entity.dxf.get("invisible", 0)]
+        entities = [e for e in recursive_decompose(seen) if not e.dxf.get("invisible", 0)]
     except ReadError:
         raise
     except (DXFError, ValueError, KeyError, IndexError, TypeError, AttributeError) as error:
@@ -41,6 +48,15 @@ def _drawing(name, content):
         layer.dxf.name.lower() for layer in drawing.layers if layer.is_off() or layer.is_frozen()
     }
     return drawing, entities, hidden
+
+
+def _visible(entry, entities, hidden):
+    """Return entities that are not on hidden layers; log the others."""
+    passed = [entity for entity in entities if entity.dxf.layer.lower() in hidden]
+    if passed:
+        names = sorted({entity.dxf.layer for entity in passed})
+        entry.dropped(f"{len(passed)} entities", f"on hidden layers ({listed(names)})")
+    return [entity for entity in entities if entity.dxf.layer.lower() not in hidden]
 
 
 def _refuse_references(name, drawing, space):
@@ -118,10 +134,8 @@ def surface(
     chosen = {layer.lower() for layer in layers}
     if chosen:
         entities = [entity for entity in entities if entity.dxf.layer.lower() in chosen]
-    elif passed := [entity for entity in entities if entity.dxf.layer.lower() in hidden]:
-        entities = [entity for entity in entities if entity.dxf.layer.lower() not in hidden]
-        names = sorted({entity.dxf.layer for entity in passed})
-        entry.dropped(f"{len(passed)} entities", f"on hidden layers ({listed(names)})")
+    else:
+        entities = _visible(entry, entities, hidden)
     pairs = [(entity.dxf.layer, corners) for entity in entities for corners in _faces(entity)]
     triangles: dict[str, list] = {}
     for layer, corners in pairs:
@@ -204,7 +218,7 @@ def _end_to_end(first, second):
 
 
 def polylines(
-    name: str, content: bytes, layer: str | None
+    entry: FileRead, content: bytes, layer: str | None
 ) -> tuple[list[np.ndarray], str | None, str]:
     """Return the lines (n, 3) of one layer of a drawing, its unit, and the layer.
 
@@ -217,8 +231,10 @@ def polylines(
     """
     from ezdxf import path as curves
 
-    drawing, entities, _ = _drawing(name, content)
+    name = entry.file
+    drawing, entities, hidden = _drawing(name, content)
     lines = [entity for entity in entities if _is_line(entity)]
+    lines = _visible(entry, lines, hidden) if layer is None else lines
     names = sorted({entity.dxf.layer for entity in lines})
     if layer is None and len(names) > 1:
         raise InputError(f"{name}: lines lie on the layers {listed(names)}; name one of them")
@@ -236,7 +252,7 @@ def polylines(
     return parts, _drawing_unit(drawing), layer or names[0]
 
 
-def faces(name: str, content: bytes) -> tuple[list[np.ndarray], str | None]:
+def faces(entry: FileRead, content: bytes) -> tuple[list[np.ndarray], str | None]:
     """Return the corners (n, 3) of each face of a drawing, and its unit.
 
     Raises
@@ -244,8 +260,9 @@ def faces(name: str, content: bytes) -> tuple[list[np.ndarray], str | None]:
     ReadError
         If the file can't be read or holds none.
     """
-    drawing, entities, _ = _drawing(name, content)
+    drawing, entities, hidden = _drawing(entry.file, content)
+    entities = _visible(entry, entities, hidden)
     corners = [each for entity in entities for each in _faces(entity)]
     if not corners:
-        raise ReadError(f"{name}: holds no faces; {_kinds(entities)}")
+        raise ReadError(f"{entry.file}: holds no faces; {_kinds(entities)}")
     return corners, _drawing_unit(drawing)

@@ -26,6 +26,16 @@ from .tables import Table, read_table
 LENGTHS = {unit: FACTORS[unit] for unit in ("m", "km", "cm", "mm", "ft", "in", "us_ft")}
 LOWEST, HIGHEST = -1000.0, 10000.0  # of any ground, in m or ft
 WIDEST = 5e4  # m
+# Words of a file that change places or heights: each is obeyed or refused.
+WORDS = {
+    "GeoTIFF": "scale offset unittype nodata Orientation PhotometricInterpretation pages "
+    "RasterType ModelType LinearUnits VerticalUnits VerticalSystem scale_z origin_z .aux.xml",
+    "ESRI ASCII grid": "NODATA_value xllcorner dx UNIT VERTCS Direction units zunits xshift "
+    ".aux.xml",
+    "Surfer grid": "blank limits", "STL": "units",
+    "LandXML": "linearUnit elevationUnit rotationAngle i",
+    "DXF": "$INSUNITS INSERT layer invisible",
+}  # fmt: skip
 _LARGEST_FILE = 500_000_000  # bytes
 _MOST_CELLS = 25_000_000
 _MARGIN = 3.0  # of a grid around the box, in sizes of the box
@@ -111,8 +121,8 @@ def read_surface(
         return SurveyedSurface(_places(table), np.empty((0, 2)))
     entry = log.file(path, kind)
     raw = _READERS[kind](entry, content, tuple(layers))
-    if kind in ("ESRI ASCII grid", "Surfer grid"):
-        raw = replace(raw, **_projection(path))
+    if raw.cell is not None:
+        raw = _beside(path, raw)
     symbol, why = _unit(path.name, raw, box, unit, _fits)
     factor = LENGTHS[symbol]
     values = factor * raw.values
@@ -166,13 +176,12 @@ def read_lines(
         return [_places(read_positions(path, "surface", box=box, unit=unit, log=log))]
     from .drawings import chained, polylines
 
-    parts, symbol_said, name = polylines(path.name, content, layer)
+    entry = (log or ReadLog()).file(path, "DXF")
+    parts, symbol_said, name = polylines(entry, content, layer)
     raw = _Content(np.concatenate(parts), symbol_said, hint=True)
     symbol, why = _unit(path.name, raw, box, unit, _reaches)
     chains = chained([LENGTHS[symbol] * part for part in parts])
-    (log or ReadLog()).file(path, "DXF").column(
-        "lines", f"layer {name!r}", symbol, LENGTHS[symbol], rows=len(chains), why=why
-    )
+    entry.column("lines", f"layer {name!r}", symbol, LENGTHS[symbol], rows=len(chains), why=why)
     return sorted(chains, key=lambda line: -line[:, 2].mean())
 
 
@@ -199,13 +208,12 @@ def read_faces(
     from .drawings import faces as faces_of
 
     path = Path(path)
-    faces, said = faces_of(path.name, read_bytes(path, _LARGEST_FILE))
+    entry = (log or ReadLog()).file(path, "DXF")
+    faces, said = faces_of(entry, read_bytes(path, _LARGEST_FILE))
     raw = _Content(np.concatenate(faces), said, hint=True)
     box = None if box is None else np.asarray(box, dtype=float)
     symbol, why = _unit(path.name, raw, box, unit, _reaches)
-    (log or ReadLog()).file(path, "DXF").column(
-        "faces", "coordinates", symbol, LENGTHS[symbol], rows=len(faces), why=why
-    )
+    entry.column("faces", "coordinates", symbol, LENGTHS[symbol], rows=len(faces), why=why)
     return [LENGTHS[symbol] * corners for corners in faces]
 
 
@@ -523,6 +531,17 @@ def _counts(name, columns, rows):
     return int(columns), int(rows)
 
 
+# Words of a GeoTIFF that change places or heights are obeyed, but for other values of these tags.
+_TAGS_READ = {"Orientation": (1,), "PhotometricInterpretation": (0, 1)}
+_HEIGHTS = {
+    5702: "us_ft",
+    6360: "us_ft",
+    8052: "us_ft",
+    8050: "ft",
+    8228: "ft",
+    5703: "m",
+}  # of EPSG
+_DEPTHS = (5715, 6357, 6358, 8051, 8053)  # of EPSG, positive down
 _EPSG_LENGTHS = {9001: "m", 9002: "ft", 9003: "us_ft", 9036: "km"}
 
 
@@ -536,8 +555,10 @@ def _geotiff(entry, content, _):
             page: Any = file.pages[0]
             _counts(name, page.imagewidth, page.imagelength)
             keys = dict(page.geotiff_tags)
-            tag = page.tags.get(42113)
-            marker = str(tag.value).strip().strip("\0") if tag else ""
+            marker, metadata = (
+                str(page.tags.valueof(code, "")).strip(" \0\n") for code in (42113, 42112)
+            )
+            _refuse_tags(name, file.pages, keys)
             heights = np.asarray(page.asarray(), dtype=float)
     except ReadError:
         raise
@@ -555,17 +576,55 @@ def _geotiff(entry, content, _):
     plan = (at @ matrix.T)[:, :2]
     value = _number_of(name, marker, "GDAL_NODATA") if marker else None
     cell = tuple(float(np.linalg.norm(matrix[:2, k])) for k in (0, 1))
-    raw = _cells(entry, heights, plan, value, cell)
+    said = _said_of_heights(name, metadata)
+    blank = missing_cells(heights.ravel(), value).reshape(heights.shape)
+    heights = np.where(blank, np.nan, said.get("offset", 0.0) + said.get("scale", 1.0) * heights)
+    raw = _cells(entry, heights, plan, None, cell)
     unit, vertical = (
         _EPSG_LENGTHS.get(int(keys.get(f"{key}UnitsGeoKey", 0) or 0))
         for key in ("ProjLinear", "Vertical")
     )
+    code = int(keys.get("VerticalGeoKey", keys.get("VerticalCSTypeGeoKey", 0)) or 0)
+    vertical = vertical or said.get("unittype") or _HEIGHTS.get(code)
     if vertical is not None:
         raw.values[:, 2] *= LENGTHS[vertical] / LENGTHS[unit or "m"]
     return replace(
         raw, unit=unit, degrees=int(keys.get("GTModelTypeGeoKey", 0) or 0) == 2,
         heights_unknown=unit not in (None, "m") and vertical is None,
     )  # fmt: skip
+
+
+def _refuse_tags(name, pages, keys):
+    """Raise ReadError for a GeoTIFF whose tags or keys change places and are not read."""
+    tags = pages[0].tags
+    odd = [f"{tag} = {tags[tag].value}" for tag, read in _TAGS_READ.items()
+           if tag in tags and tags[tag].value not in read]  # fmt: skip
+    bands = sum(not (page.is_reduced or page.is_mask) for page in pages)
+    odd += [f"{bands} pages"] if bands > 1 else []
+    odd += ["geocentric coordinates"] if int(keys.get("GTModelTypeGeoKey", 0) or 0) == 3 else []
+    depth = int(keys.get("VerticalGeoKey", keys.get("VerticalCSTypeGeoKey", 0)) or 0) in _DEPTHS
+    odd += ["depths for heights"] if depth else []
+    scale, tie = keys.get("ModelPixelScale") or (), keys.get("ModelTiepoint") or ()
+    if len(scale) > 2 and len(tie) > 5 and (scale[2] not in (0.0, 1.0) or tie[2] or tie[5]):
+        odd.append(f"a scale of {scale[2]:g} and an origin of {tie[5]:g} for heights")
+    if odd:
+        raise ReadError(f"{name}: holds {', '.join(odd)}, not read; write one band of heights in "
+                        "rows from the north")  # fmt: skip
+
+
+def _said_of_heights(name, metadata):
+    """Return scale, offset and unit of heights of the metadata of GDAL."""
+    try:
+        parts = ElementTree.fromstring(metadata or "<a/>")
+    except ElementTree.ParseError as error:
+        raise ReadError(f"{name}: its GDAL_METADATA are broken XML ({error})") from None
+    items = {part.get("role"): (part.text or "").strip() for part in parts}
+    said: dict = {w: _number_of(name, items[w], w) for w in ("scale", "offset") if w in items}
+    if items.get("unittype"):
+        said["unittype"] = unit_name(items["unittype"].replace(" ", "_"))
+        if said["unittype"] not in LENGTHS:
+            raise ReadError(f"{name}: unknown unit of heights {items['unittype'][:40]!r}")
+    return said
 
 
 def _geotiff_matrix(name, keys):
@@ -581,23 +640,46 @@ def _geotiff_matrix(name, keys):
     return matrix
 
 
-def _projection(path):
-    """Return what the .prj beside a grid says of its coordinates."""
-    beside = next((path.with_suffix(s) for s in (".prj", ".PRJ") if path.with_suffix(s).is_file()),
-                  None)  # fmt: skip
-    if beside is None:
-        return {}
-    text = read_bytes(beside)[:100_000].decode("latin-1")
-    projected = re.search(r"(?i)PROJC(S|RS)\s*\[", text)
-    if re.search(r"(?i)GEOG(CS|CRS)\s*\[|Projection\s+GEOGRAPHIC", text) and not projected:
-        return {"degrees": True}
-    units = re.findall(r'(?i)UNIT\s*\[\s*"[^"]*"\s*,\s*([\d.eE+-]+)', text)
-    if not projected or not units:
-        return {}
+def _beside(path, raw):
+    """Return the content of a raster with what the files beside it say: .prj, .aux.xml."""
+    files = [
+        path.with_name(f"{path.name}.aux.xml"),
+        path.with_suffix(".prj"),
+        path.with_suffix(".PRJ"),
+    ]
+    aux, prj, upper = (
+        read_bytes(file)[:100_000].decode("latin-1") if file.is_file() else "" for file in files
+    )
+    text, old = prj or upper, r"(?im)^\s*(?:z?units\s+(?!met)|[xy]shift\s+-?0*\.?0*[1-9]).*"
+    odd = re.search(r"<(?:Scale|Offset|UnitType|NoDataValue|GeoTransform)>", aux) or (
+        re.search(rf'{old}|"Direction"\s*,\s*-1', text)
+    )
+    if odd:
+        raise ReadError(f"{path.name}: a file beside it says {odd[0].strip()!r}, not read; write "
+                        "heights in metres into the raster itself")  # fmt: skip
+    plan, *vertical = re.split(r"(?i)\bVERT(?:_?CS|CRS|ICALCRS)\s*\[", text, maxsplit=1)
+    projected = re.search(r"(?i)PROJC(S|RS)\s*\[", plan)
+    if re.search(r"(?i)GEOG(CS|CRS)\s*\[|Projection\s+GEOGRAPHIC", plan) and not projected:
+        return replace(raw, degrees=True)
+    if not projected:
+        return raw
+    unit, *height = (_wkt_unit(path, part) for part in (plan, *vertical))
+    if height and height[0] != unit:
+        raise ReadError(
+            f"{path.stem}.prj: places in {unit}, heights in {height[0]}; write both in m"
+        )
+    return replace(raw, unit=unit, heights_unknown=unit != "m" and not height)
+
+
+def _wkt_unit(path, text):
+    """Return the unit of lengths that a coordinate system in WKT says last, m for none."""
+    units = re.findall(r'(?i)UNIT\s*\[\s*"[^"]*"\s*,\s*([\d.eE+-]+)', text) or ["1"]
     near = [u for u, size in LENGTHS.items() if abs(float(units[-1]) / size - 1.0) < 1e-7]
     if not near:
-        raise ReadError(f"{beside.name}: unknown unit of {units[-1]} m; project the grid to metres")
-    return {"unit": near[0], "heights_unknown": near[0] != "m"}
+        raise ReadError(
+            f"{path.stem}.prj: unknown unit of {units[-1]} m; project the grid to metres"
+        )
+    return near[0]
 
 
 # --- triangles
@@ -621,13 +703,14 @@ def _stl(entry, content, _):
             raise ReadError(f"{name}: holds no triangles; export the surface as STL again")
     if not np.isfinite(corners).all():
         raise ReadError(f"{name}: holds corners that are not finite; export the surface again")
-    return _Content(corners)
+    said = re.search(rb"(?i)units?\s*[=:]\s*([a-z_]+)", content[:200].partition(b"facet")[0])
+    unit = said and unit_name(said[1].decode())
+    if said and unit not in LENGTHS:
+        raise ReadError(f"{name}: unknown unit {said[1].decode()!r} in its header")
+    return _Content(corners, unit, hint=True)
 
 
-_XML_LENGTHS = {
-    "meter": "m", "metre": "m", "kilometer": "km", "centimeter": "cm", "millimeter": "mm",
-    "foot": "ft", "ussurveyfoot": "us_ft", "inch": "in",
-}  # fmt: skip
+_XML_LENGTHS = {"millimeter": "mm", "ussurveyfoot": "us_ft"}
 
 
 def _landxml(entry, content, layers):
@@ -650,18 +733,24 @@ def _landxml(entry, content, layers):
         raise InputError(
             f"{name}: has no surface {absent[0]!r}, only {listed(list(surfaces)) or 'none'}"
         )
+    if any(e.get("rotationAngle", "0") not in ("", "0", "0.0") for e in root.iter()):
+        raise ReadError(f"{name}: is turned by rotationAngle; export it in the model's coordinates")
     chosen = list(layers) or list(surfaces)
     if len(chosen) != 1:
         raise (InputError if surfaces else ReadError)(
             f"{name}: holds the surfaces {listed(chosen) or 'none'} with faces; name that of the "
             "ground by surface_layers"
         )
-    units = next((each for each in root.iter() if each.tag in ("Metric", "Imperial")), None)
-    word = "" if units is None else units.get("linearUnit", "").lower()
-    if units is not None and word not in _XML_LENGTHS:
-        raise ReadError(f"{name}: unknown linearUnit {word!r} in its units")
     values = _landxml_triangles(name, surfaces[chosen[0]])
-    return _Content(values, _XML_LENGTHS.get(word))
+    units = next((each for each in root.iter() if each.tag in ("Metric", "Imperial")), None)
+    if units is None:
+        return _Content(values)
+    words = units.get("linearUnit", ""), units.get("elevationUnit") or units.get("linearUnit", "")
+    unit, height = (_XML_LENGTHS.get(word.lower()) or unit_name(word) for word in words)
+    if unit not in LENGTHS or height not in LENGTHS:
+        raise ReadError(f"{name}: unknown linearUnit or elevationUnit, {' and '.join(words)}")
+    values[:, :, 2] *= LENGTHS[height] / LENGTHS[unit]
+    return _Content(values, unit)
 
 
 def _landxml_triangles(name, surface):

@@ -19,6 +19,8 @@ _IBM = 1
 _TEXT, _HEAD, _TRACE = 3200, 400, 240
 _MEASURES = {1: "m", 2: "ft"}
 _ORDER_MARK = 0x01020304
+# Words of the headers that change places, amounts or times: each is obeyed or refused.
+WORDS = "scalar scalar_z scalar_time units measure delay weight step extended"
 
 
 class Layout(NamedTuple):
@@ -68,6 +70,11 @@ def layout(path: Path, content: bytes) -> Layout:
         raise ReadError(f"{path}: its binary header says neither samples nor interval of SEG-Y")
     (n_file,) = struct.unpack_from(f"{order}H", content, 3220)
     (code,) = struct.unpack_from(f"{order}h", content, 3224)
+    (step,), (count, exact) = (struct.unpack_from(order + form, content, at)
+                               for form, at in (("H", 3216), ("Id", 3268)))  # fmt: skip
+    other = count not in (0, n_file) or exact not in (0.0, float(step)) or any(content[3506:3510])
+    if 2 in content[3500:3502] and other:
+        raise ReadError(f"{path}: is SEG-Y of revision 2 with extended counts; write revision 1")
     flag, n_texts = struct.unpack_from(f"{order}2h", content, 3502)
     first = _TEXT + _HEAD + _TEXT * _extended(path, content, n_texts)
     width = np.dtype(_FORMATS[code]).itemsize
@@ -150,7 +157,9 @@ def read_segy(path: Path, content: bytes, entry: FileRead) -> dict:
         raise ReadError(
             f"{path}, trace {n + 1}, sample {k}: expected a finite number, got {data[n, k]:g}"
         )
-    delays = {head["delay"] for head in heads}
+    delays = {float(_scaled([head["delay"]], [head["scalar_time"]])[0]) for head in heads}
+    if len({head["weight"] for head in heads}) > 1:
+        raise ReadError(f"{path}: weighting factors of traces differ (byte 169); write them alike")
     if len(delays) > 1:
         raise ReadError(f"{path}: channels start at different times: {sorted(delays)} ms")
     receivers, source = _positions(content, plan, heads, entry)
@@ -178,7 +187,8 @@ def _trace_header(content, order, at):
         "offset": offset, "receiver_z": receiver_z, "source_z": source_z - depth,
         "scalar_z": scalars[0], "scalar": scalars[1], "xy": read("4i", 73),
         "units": read("h", 89)[0], "delay": read("h", 109)[0], "n_samples": read("H", 115)[0],
-        "step": read("H", 117)[0], "time": read("5h", 157),
+        "step": read("H", 117)[0], "time": read("5h", 157), "weight": read("h", 169)[0],
+        "scalar_time": read("h", 215)[0],
     }  # fmt: skip
 
 

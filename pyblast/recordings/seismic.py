@@ -154,6 +154,12 @@ _PROMISED = {
     "MSEED": _mseed_bytes, "SAC": _sac_bytes, "SEG2": _seg2_bytes,
 }  # fmt: skip
 _REFUSALS = {"SAC": _refuse_odd_sac, "GSE2": _refuse_broken_gse2, "SEGY": layout}
+# Words of a header that change amounts, directions or times: each is obeyed or refused.
+WORDS = {
+    "SAC": "SCALE CMPAZ CMPINC IDEP DELTA LEVEN IFTYPE", "GSE2": "CALIB", "MSEED": "rate",
+    "SEG2": "DESCALING_FACTOR SKEW DELAY UNITS", "StationXML": "epochs stages azimuth dip units",
+}  # fmt: skip
+AS_NAMED = 5.0  # degrees, by which E, N and Z may point elsewhere: SEED manual 2.4, appendix A
 SEED_COMPONENTS = {"E": "east", "N": "north", "Z": "vertical"}
 _MAX_METADATA_BYTES = 50_000_000
 _PAZ_KEYS = {"poles", "zeros", "gain", "sensitivity"}
@@ -317,6 +323,12 @@ def _unit_against(path, group, quantity, unit):
             f"{path}: {names} measure {quantity} by {said}; write velocity, or pass unit='counts' "
             "and remove the response"
         )
+    scaled = {trace.stats.calib for trace in group} - {0.0, 1.0}
+    if unit is None and scaled:
+        return (
+            f"{path}: the header of {names} scales samples by {scaled.pop():g} (SCALE, CALIB), and "
+            "no program agrees how; pass the unit of the samples, or unit='counts' and the response"
+        )
     wanted = "_per_s2" if quantity == "acceleration" else "_per_s"
     if unit is not None and not (unit.endswith(wanted) or (wanted[-1] == "2" and unit == "g")):
         return f"{path}: {names} measure {quantity} by {said}, which is not in '{unit}'"
@@ -423,16 +435,45 @@ def deconvolve(record: RawRecord, response: str | Path | dict, where: str) -> di
                 f"{where}: {trace.id} is an accelerometer, poles and zeros are of velocity; give "
                 "StationXML"
             )
+        if inventory is not None:
+            _check_epoch(where, trace, record.time, inventory)
         try:
-            if inventory is None:
-                trace.simulate(paz_remove=response, taper_fraction=0.02, water_level=60.0)
-            else:
-                trace.remove_response(inventory, output="VEL", taper_fraction=0.02)
+            with warnings.catch_warnings():
+                warnings.filterwarnings("error", category=UserWarning, module="obspy")
+                if inventory is None:
+                    trace.simulate(paz_remove=response, taper_fraction=0.02, water_level=60.0)
+                else:
+                    trace.remove_response(inventory, output="VEL", taper_fraction=0.02)
         except Exception as error:
             reason = _first_sentence(error)
             raise InputError(f"{where}: no response for {trace.id} ({reason})") from error
         cleaned[name] = np.asarray(trace.data, dtype=np.float64)
     return cleaned
+
+
+def _check_epoch(where, trace, time, inventory):
+    """Refuse a channel with no response or several at the time of a record, or that is turned."""
+    import obspy
+
+    name = dict(
+        zip(("network", "station", "location", "channel"), trace.id.split("."), strict=True)
+    )
+    chosen = inventory.select(**name, time=obspy.UTCDateTime(time) if time else None)
+    epochs = [each for net in chosen for station in net for each in station if each.response]
+    gains = [getattr(epoch.response.instrument_sensitivity, "value", np.nan) for epoch in epochs]
+    if len(epochs) != 1:
+        shown = (f"{epoch.start_date} to {epoch.end_date or 'now'} with {gain:g}"
+                 for epoch, gain in zip(epochs, gains, strict=True))  # fmt: skip
+        which = (
+            f"several epochs ({', '.join(shown)}); keep that of the record" if epochs else "none"
+        )
+        raise InputError(f"{where}: no response for {trace.id}: {which}")
+    (epoch,) = epochs
+    if not epoch.response.response_stages:
+        raise InputError(f"{where}: no response for {trace.id}: it has no stages; give sensitivity "
+                         f"= {gains[0]:.10g} in place of it if that holds in the band")  # fmt: skip
+    incidence = None if epoch.dip is None else 90.0 + epoch.dip
+    _refuse_turned(where, trace.id, trace.stats.channel[-1:], epoch.azimuth, incidence)
 
 
 def read_inventory(path: Path) -> "obspy.Inventory":
@@ -455,19 +496,35 @@ def _first_sentence(error):
     return " ".join(str(error).split()).split(". ")[0][:160]
 
 
-def _component(trace):
+def _refuse_turned(where, name, letter, azimuth, incidence):
+    """Raise InputError where a channel E, N or Z points elsewhere by azimuth and incidence, deg."""
+    means = {"E": (90.0, 90.0), "N": (0.0, 90.0), "Z": (azimuth or 0.0, 0.0)}.get(letter.upper())
+    if means is None or azimuth is None or incidence is None or -12345.0 in (azimuth, incidence):
+        return
+    turned = (azimuth - means[0] + 180.0) % 360.0 - 180.0, incidence - means[1]
+    if max(map(abs, turned)) > AS_NAMED:
+        raise InputError(
+            f"{where}: {name} points {azimuth:g} degrees from north and {incidence:g} from up, not "
+            f"as {letter}; pass orientations (azimuth, dip), or name its channel 1, 2 or 3"
+        )
+
+
+def _component(where, trace):
     """Return the component of a channel by its code, else by azimuth and incidence of SAC."""
     header = getattr(trace.stats, "sac", {})
     azimuth, incidence = (header.get(key, np.nan) for key in ("cmpaz", "cmpinc"))
     by_angles = {(0.0, 0.0): "vertical", (0.0, 90.0): "north", (90.0, 90.0): "east"}
     code = SEED_COMPONENTS.get(trace.stats.channel[-1:].upper())
+    _refuse_turned(
+        where, trace.id, trace.stats.channel[-1:], header.get("cmpaz"), header.get("cmpinc")
+    )
     return code or by_angles.get((float(azimuth), float(incidence)))
 
 
 def _oriented(where, group, samples, *, orientations):
     """Return east, north, vertical by the headers of the channels or by given orientations."""
     if orientations is None:
-        components = {trace.stats.channel: _component(trace) for trace in group}
+        components = {trace.stats.channel: _component(where, trace) for trace in group}
         names = {code: components[code] for code in samples}
         if None in names.values() or len(set(names.values())) < len(names):
             raise InputError(
@@ -573,6 +630,10 @@ def read_seg2(path: Path, content: bytes, entry: FileRead) -> dict:
     headers = [dict(trace.stats.seg2) for trace in traces]
     scaled = [header.get("DESCALING_FACTOR") for header in headers]
     factor = 1.0
+    if any(scaled) != all(scaled) or len({header.get("SKEW", 0) for header in headers}) > 1:
+        raise ReadError(
+            f"{path}: DESCALING_FACTOR or SKEW differ between channels; write all alike"
+        )
     if all(scaled):
         factor = FACTORS["mv"] * np.array(
             [_number(path, n, "DESCALING_FACTOR", text) for n, text in enumerate(scaled)]

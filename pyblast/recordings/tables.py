@@ -73,28 +73,66 @@ class TextFormat(NamedTuple):
     read: Callable[[Path, list[str], ReadLog], RawRecord]
 
 
-def read_instantel_ascii(path: Path, lines: list[str], log: ReadLog) -> RawRecord:
-    """Read the ASCII export of an Instantel Micromate or Minimate (quoted ``Key : Value``)."""
+_KEY = re.compile(r'[\s"]*([^":;,\t]+?)[\s"]*[:;,\t][\s":]*(.*?)[\s";,]*')  # of a header, and value
+
+
+def read_instantel(path: Path, lines: list[str], log: ReadLog) -> RawRecord:
+    """Read an export of Instantel: ``Key : Value`` or ``"Key","Value"``, then channels."""
+    entry = log.file(path, "Instantel export")
     titles = next((n for n, line in enumerate(lines) if _is_channel_row(line)), len(lines) - 1)
     delimiter = next((mark for mark in ";," if mark in lines[titles]), " ")
-    header = {}
-    for line in lines[:titles]:
-        key, separator, value = line.strip(' \t"').partition(":")
-        if separator:
-            header.setdefault(" ".join(key.split()), value.lstrip(": \t").rstrip())
-    return _instantel(path, lines, titles, header, log, delimiter)
+    header: dict[str, str] = {}
+    for match in filter(None, map(_KEY.fullmatch, lines[:titles])):
+        key = " ".join(match[1].split())
+        header[key] = "; ".join(filter(None, [header.get(key), match[2]]))
+    keys = {re.sub(r"[\s_.-]", "", key).lower(): key for key in header}
+    names = _channels(path, titles + 1, _title_cells(lines[titles]), _MICROPHONES)
+    rows, below = _samples(path, lines, titles, delimiter, entry)
+    said = [
+        *filter(None, re.split(r"(?i)\s+and\b\s*|\s*[;,&]\s*", header.get(keys.get("units"), "")))
+    ]
 
+    def field(*spellings, unit="s"):
+        key = next((keys[s] for s in spellings if s in keys), None)
+        try:
+            return None if key is None else quantity(header[key], f"{path}, '{key}'", unit)
+        except ReadError:
+            entry.remark(f"'{key}' is not read: {header[key][:40]!r}")
+            return None
 
-def read_instantel_csv(path: Path, lines: list[str], log: ReadLog) -> RawRecord:
-    """Read the CSV export of Instantel THOR (``"Key","Value"`` rows, then a row of channels)."""
-    delimiter = _delimiter(lines[0])
-    titles = next((n for n, line in enumerate(lines) if _is_channel_row(line)), len(lines) - 1)
-    header = {}
-    for n, line in enumerate(lines[:titles], 1):
-        key, value = (*split_line(path, n, line, delimiter), "", "")[:2]
-        if key:
-            header[key] = "; ".join(filter(None, [header.get(key), value]))
-    return _instantel(path, lines, titles, header, log, delimiter)
+    unit, loud = (*(said or below or _printed_unit(header)), "", "")[:2]
+    factor = velocity_factor(unit, f"{path}, '{keys.get('units', 'Units')}'")
+    length = re.search(r"(?i)[\d.]+ *(sps|k?hz)", header.get(keys.get("recordtime"), ""))
+    if length is not None:  # "2.0 sec at 1024 sps"
+        header.setdefault("Sample Rate", length[0])
+    rate = _required(path, header, keys.get("samplerate", "Sample Rate"), "sps").value
+    dt = sampling_step(rate, f"{path}, 'Sample Rate'")
+    columns = read_columns(path, rows, names, delimiter=delimiter)
+    pressure = columns.pop("microphone", None)
+    _log_columns(entry, {name: names[name] for name in columns}, unit, factor, len(rows))
+    channels = {name: factor * values for name, values in columns.items()}
+    loud, notes = _instantel_pressure(loud, pressure)
+    for note in notes:
+        entry.dropped("column of the microphone", note)
+    printed = _printed(field, unit)
+    before = header.get(keys.get("pretriggerlength", keys.get("pretrigger")), "")
+    before = quantity(before, f"{path}, 'Pre-trigger Length'", "s") or Printed(0.0, 0.0)
+    before = abs(before.value)
+    length = field("recordtime")
+    promised = [] if length is None else [length.value * rate, (length.value + before) * rate]
+    if promised and not any(abs(len(rows) - count) <= 0.01 * count + 1.0 for count in promised):
+        raise ReadError(
+            f"{path}: '{keys['recordtime']}' promises {promised[-1]:.0f} samples, found {len(rows)}"
+        )
+    full_scale = field("georange", unit=unit)
+    return RawRecord(
+        channels, dt, -before if before else _start_from_peak(channels, dt, printed),
+        header.get(keys.get("location", keys.get("titlestring1")), "") or path.stem,
+        f"Instantel {header.get(keys.get('version'), '')}".strip(),
+        header.get(keys.get("serialnumber"), ""), full_scale.value if full_scale else None,
+        _time_stamp(header.get(keys.get("eventtime"), ""), header.get(keys.get("eventdate"), "")),
+        header, printed, microphone=loud, notes=notes,
+    )  # fmt: skip
 
 
 def read_texcel(path: Path, lines: list[str], log: ReadLog) -> RawRecord:
@@ -165,12 +203,14 @@ def read_vibracord(path: Path, lines: list[str], log: ReadLog) -> RawRecord:
 
 TEXT_FORMATS = {
     "INSTANTEL_ASCII": TextFormat(
-        lambda lines: any(re.match(r'\s*"?(Event Type|Serial Number) :', x) for x in lines[:10]),
-        read_instantel_ascii,
+        lambda lines: any(
+            re.match(r'[\s"]*(event type|serial number)\s*:', x, re.I) for x in lines[:10]
+        ),
+        read_instantel,
     ),
     "INSTANTEL_CSV": TextFormat(
-        lambda lines: any(re.match(r'"?(EventType|SampleRate)"?[,;\t]', x) for x in lines[:20]),
-        read_instantel_csv,
+        lambda lines: any(re.match(r'"?(Event ?Type|Sample ?Rate)"?[,;\t]', x) for x in lines[:20]),
+        read_instantel,
     ),
     "TEXCEL": TextFormat(
         lambda lines: lines[0].replace('"', "").startswith("Sample Time,"), read_texcel
@@ -221,59 +261,6 @@ def _log_columns(entry, columns, unit, factor, rows):
     """Add the columns of an export to its entry of the log."""
     for name, column in columns.items():
         entry.column(name, f"column {column + 1}", unit, factor, rows=rows)
-
-
-def _instantel(path, lines, titles, header, log, delimiter):
-    """Return the raw record of either Instantel layout."""
-    entry = log.file(path, "Instantel export")
-    keys = {re.sub(r"[\s_.-]", "", key).lower(): key for key in header}
-    names = _channels(path, titles + 1, _title_cells(lines[titles]), _MICROPHONES)
-    rows, below = _samples(path, lines, titles, delimiter, entry)
-    said = [
-        *filter(None, re.split(r"(?i)\s+and\b\s*|\s*[;,&]\s*", header.get(keys.get("units"), "")))
-    ]
-
-    def field(*spellings, unit="s"):
-        key = next((keys[s] for s in spellings if s in keys), None)
-        try:
-            return None if key is None else quantity(header[key], f"{path}, '{key}'", unit)
-        except ReadError:
-            entry.remark(f"'{key}' is not read: {header[key][:40]!r}")
-            return None
-
-    unit, loud = (*(said or below or _printed_unit(header)), "", "")[:2]
-    factor = velocity_factor(unit, f"{path}, '{keys.get('units', 'Units')}'")
-    length = re.search(r"(?i)[\d.]+ *(sps|k?hz)", header.get(keys.get("recordtime"), ""))
-    if length is not None:  # "2.0 sec at 1024 sps"
-        header.setdefault("Sample Rate", length[0])
-    rate = _required(path, header, keys.get("samplerate", "Sample Rate"), "sps").value
-    dt = sampling_step(rate, f"{path}, 'Sample Rate'")
-    columns = read_columns(path, rows, names, delimiter=delimiter)
-    pressure = columns.pop("microphone", None)
-    _log_columns(entry, {name: names[name] for name in columns}, unit, factor, len(rows))
-    channels = {name: factor * values for name, values in columns.items()}
-    loud, notes = _instantel_pressure(loud, pressure)
-    for note in notes:
-        entry.dropped("column of the microphone", note)
-    printed = _printed(field, unit)
-    before = header.get(keys.get("pretriggerlength", keys.get("pretrigger")), "")
-    before = quantity(before, f"{path}, 'Pre-trigger Length'", "s") or Printed(0.0, 0.0)
-    before = abs(before.value)
-    length = field("recordtime")
-    promised = [] if length is None else [length.value * rate, (length.value + before) * rate]
-    if promised and not any(abs(len(rows) - count) <= 0.01 * count + 1.0 for count in promised):
-        raise ReadError(
-            f"{path}: '{keys['recordtime']}' promises {promised[-1]:.0f} samples, found {len(rows)}"
-        )
-    full_scale = field("georange", unit=unit)
-    return RawRecord(
-        channels, dt, -before if before else _start_from_peak(channels, dt, printed),
-        header.get(keys.get("location", keys.get("titlestring1")), "") or path.stem,
-        f"Instantel {header.get(keys.get('version'), '')}".strip(),
-        header.get(keys.get("serialnumber"), ""), full_scale.value if full_scale else None,
-        _time_stamp(header.get(keys.get("eventtime"), ""), header.get(keys.get("eventdate"), "")),
-        header, printed, microphone=loud, notes=notes,
-    )  # fmt: skip
 
 
 def _printed_unit(header):
@@ -352,12 +339,6 @@ def _required(path, header, key, unit):
     if value is None:
         raise ReadError(f"{path}: expected '{key}' in the header, found none")
     return value
-
-
-def _delimiter(line):
-    """Return the delimiter of the first line of an export: comma, semicolon or tab."""
-    outside = re.sub(r'"[^"]*"', "", line)
-    return max(",;\t", key=outside.count)
 
 
 def _time_stamp(time, date):

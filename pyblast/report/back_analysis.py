@@ -1,11 +1,11 @@
 """Report of a back-analysis: values, what is held, figures."""
 
 import numpy as np
-from matplotlib.ticker import MaxNLocator
 
 from ..project.result import plain, write_text
 from . import figures
-from .figures import INK, SIMULATED, _figure, _tidy, _uri
+from .figures import INK, SIMULATED
+from .plots import axis_of, dots, line, page_plot, panel
 from .run import page, with_waveforms
 from .survey_design import best_candidates, result_figures, slip_lines, survey_figure, survey_lines
 
@@ -70,8 +70,8 @@ def _wrong_if_known(held):
 REJECTED = "#9aa5b1"
 
 
-def misfit_figure(misfits, accepted, unit):
-    """Draw the misfit of every run, accepted or rejected, and the best so far.
+def misfit_figure(misfits, accepted, unit) -> dict:
+    """Return the plot of the misfit of every run, accepted or rejected, and the best so far.
 
     Parameters
     ----------
@@ -80,23 +80,22 @@ def misfit_figure(misfits, accepted, unit):
     accepted : (n,) bool
     unit : str
     """
-    figure = _figure(9.6, 3.0)
-    axes, run = figure.subplots(), np.arange(1, len(misfits) + 1)
+    run = np.arange(1, len(misfits) + 1)
     best = np.minimum.accumulate(np.where(np.isfinite(misfits), misfits, np.inf))
-    axes.step(run, best, where="post", color=SIMULATED, lw=1.4, label="best so far")
-    for shown, colour, label in ((accepted, INK, "accepted"), (~accepted, REJECTED, "rejected")):
-        axes.plot(run[shown], misfits[shown], "o", color=colour, ms=4, label=label)
-    axes.set_xlabel("run")
-    axes.set_ylabel(f"misfit [{unit}]")
-    axes.set_ylim(0.0, 1.1 * np.max(misfits, where=np.isfinite(misfits), initial=0.0))
-    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
-    axes.legend(fontsize=7, frameon=False, ncol=3)
-    _tidy(axes)
-    return _uri(figure)
+    marks = [line(np.repeat(run, 2)[1:], np.repeat(best, 2)[:-1], "best so far", SIMULATED)]
+    for shown, colour, name in ((accepted, INK, "accepted"), (~accepted, REJECTED, "rejected")):
+        marks.append(dots(run[shown], misfits[shown], name, colour))
+    upright = axis_of(f"misfit [{unit}]", 0.0, 1.1 * _largest(misfits))
+    return page_plot("Misfit of every run.", panel(axis_of("run"), upright, marks, 280))
 
 
-def points_figure(parameters, points, misfits, unit):
-    """Draw misfit against each parameter over its range; the best point is marked.
+def _largest(misfits):
+    """Return the largest misfit of the runs that did not fail."""
+    return float(np.max(misfits, where=np.isfinite(misfits), initial=0.0))
+
+
+def points_figure(parameters, points, misfits, unit) -> dict:
+    """Return the plot of misfit against each parameter over its range; the best is marked.
 
     Parameters
     ----------
@@ -106,32 +105,17 @@ def points_figure(parameters, points, misfits, unit):
     misfits : (n,) float64
     unit : str
     """
-    columns = min(3, len(parameters))
-    rows = -(-len(parameters) // columns)
-    figure = _figure(9.6, 0.4 + 2.5 * rows)
-    axes = figure.subplots(rows, columns, squeeze=False, sharey=True)
-    best = int(np.argmin(misfits))
-    top = 1.1 * np.max(misfits, where=np.isfinite(misfits), initial=0.0)
-    for number, (row, axis) in enumerate(zip(parameters, axes.flat, strict=False)):
-        values = points[:, number]
-        shades = np.linspace(0.25, 1.0, len(values))
-        axis.scatter(values, misfits, c=shades, cmap="Greys", vmin=0.0, s=14, zorder=3)
-        axis.plot(values[best], misfits[best], "o", color=SIMULATED, ms=6, zorder=4)
-        if row["log"]:
-            axis.set_xscale("log")
-            ticks = np.geomspace(row["low"], row["high"], 3)
-            axis.set_xticks(ticks, [f"{tick:.2g}" for tick in ticks])
-            axis.set_xticks([], minor=True)
+    best, number = int(np.argmin(misfits)), np.arange(1, len(misfits) + 1)
+    scale = {"label": "run", "low": 1, "high": len(number), "colours": "darker"}
+    upright = axis_of(f"misfit [{unit}]", 0.0, 1.1 * _largest(misfits))
+    panels = []
+    for row, values in zip(parameters, points.T, strict=True):
         margin = 0.0 if row["log"] else 0.03 * (row["high"] - row["low"])
-        axis.set_xlim(row["low"] - margin, row["high"] + margin)
-        axis.set_ylim(0.0, top)
-        axis.set_xlabel(row["path"], fontsize=8)
-        _tidy(axis)
-    for axis in axes[:, 0]:
-        axis.set_ylabel(f"misfit [{unit}]")
-    for axis in axes.flat[len(parameters) :]:
-        axis.set_visible(False)
-    return _uri(figure)
+        across = axis_of(row["path"], row["low"] - margin, row["high"] + margin, log=row["log"])
+        marks = [dots(values, misfits, values=number),
+                 dots(values[best], misfits[best], "best", SIMULATED, radius=6)]  # fmt: skip
+        panels.append(panel(across, upright, marks, 240, scale=scale))
+    return page_plot("Misfit against the parameters.", *panels, columns=min(2, len(panels)))
 
 
 SPECTRUM_TOP = 40.0

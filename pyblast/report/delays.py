@@ -5,7 +5,8 @@ import numpy as np
 from ..blasts.blast import CHARGE_WINDOW
 from ..project.result import plain, write_text
 from ..units import plain_number
-from .figures import INK, SIMULATED, _figure, _tidy, _uri
+from .figures import INK, SIMULATED
+from .plots import axis_of, dots, line, page_plot, panel, segments
 from .run import page
 
 
@@ -60,7 +61,8 @@ def _curve(house):
     return f" ({house['curve']}{verified}, its lowest value in the band)"
 
 
-PLANNED, LIMIT, SEVERITY = "#5b6570", "#b91c1c", "viridis"
+LIMIT = "#b91c1c"
+KINDS = ("before", "as planned", "#5b6570"), ("after", "best delays", SIMULATED)
 WIDTHS = {"0.95": 3.0, "0.9": 7.0, "0.5": 12.0}  # of the bars of these shares of blasts
 
 
@@ -101,65 +103,52 @@ def _figures(summary):
         )
 
 
-def charges_figure(summary):
-    """Draw the charge in each 8 ms after the first firing, as planned and with the best delays."""
-    figure = _figure(8.6, 3.2)
-    axis = figure.subplots()
-    for name, words, colour in (("before", "as planned", PLANNED),
-                                ("after", "best delays", SIMULATED)):  # fmt: skip
+def charges_figure(summary) -> dict:
+    """Return the plot of charges in each 8 ms after the first firing."""
+    marks = []
+    for name, words, colour in KINDS:
         starts, charges = np.array(summary["charge_histogram"][name]).T
-        axis.stairs(charges, 1e3 * np.append(starts, starts[-1] + CHARGE_WINDOW), color=colour,
-                    fill=name == "before", alpha=0.45 if name == "before" else 1.0,
-                    lw=1.4, label=words)  # fmt: skip
-    allowed = summary["charge_per_8ms_kg"]["allowed"]
+        edges = np.repeat(np.append(starts, starts[-1] + CHARGE_WINDOW), 2)[1:-1]
+        marks.append(line(1e3 * edges, np.repeat(charges, 2), words, colour,
+                          fill=name == "before"))  # fmt: skip
+    allowed, across = summary["charge_per_8ms_kg"]["allowed"], axis_of("time after firing [ms]")
     if allowed is not None:
-        axis.axhline(allowed, color=LIMIT, lw=1.4, label="largest allowed")
-    axis.set_xlabel("time after the first firing [ms]")
-    axis.set_ylabel("charge in 8 ms [kg]")
-    axis.set_ylim(bottom=0.0)
-    axis.legend(fontsize=7, frameon=False, ncol=3, loc="lower right", bbox_to_anchor=(1.0, 1.0))
-    _tidy(axis)
-    return _uri(figure)
+        ends = [min(mark["x"][0] for mark in marks), max(mark["x"][-1] for mark in marks)]
+        marks.append(line(ends, [allowed] * 2, "largest allowed", LIMIT))
+    upright = axis_of("charge in 8 ms [kg]", 0.0)
+    return page_plot("Charge in each 8 ms.", panel(across, upright, marks, 280))
 
 
-def houses_figure(summary):
-    """Draw the bands of peaks at each house, as planned and with the best delays."""
-    houses = summary["houses"]
-    figure = _figure(8.6, 0.9 + 0.8 * len(houses))
-    axis = figure.subplots()
-    for row, house in zip(np.arange(len(houses))[::-1], houses, strict=True):
-        for name, words, colour, up in (("before", "as planned", PLANNED, 0.17),
-                                        ("after", "best delays", SIMULATED, -0.17)):  # fmt: skip
-            for share, width in WIDTHS.items():
-                ends = 1e3 * np.array(house[name]["bands"][share])
-                axis.plot(ends, [row + up] * 2, color=colour, lw=width, alpha=0.45,
-                          solid_capstyle="butt")  # fmt: skip
-            axis.plot(1e3 * house[name]["levels"]["0.5"], row + up, "o", color=colour, ms=5,
-                      label=words if row == 0 else None)  # fmt: skip
-        axis.plot([1e3 * house["limit"]] * 2, [row - 0.4, row + 0.4], color=LIMIT, lw=1.6,
-                  label="limit" if row == 0 else None)  # fmt: skip
-    axis.set_yticks(np.arange(len(houses))[::-1], [house["name"] for house in houses])
-    axis.set_ylim(-0.6, len(houses) - 0.3)
-    axis.set_xlim(left=0.0)
-    axis.set_xlabel("PPV [mm/s]")
-    axis.legend(fontsize=7, frameon=False, ncol=3, loc="lower right", bbox_to_anchor=(1.0, 1.0))
-    _tidy(axis)
-    return _uri(figure)
+def houses_figure(summary) -> dict:
+    """Return the plot of the bands of peaks at each house, as planned and with the best delays."""
+    houses, marks = summary["houses"], []
+    row = np.arange(len(houses))[::-1]
+    for (name, words, colour), up in zip(KINDS, (0.17, -0.17), strict=True):
+        for share, width in WIDTHS.items():
+            low, high = 1e3 * np.array([house[name]["bands"][share] for house in houses]).T
+            marks.append(segments(low, row + up, high, row + up, None, colour, width=width,
+                                  opacity=0.45))  # fmt: skip
+        median = [1e3 * house[name]["levels"]["0.5"] for house in houses]
+        marks.append(dots(median, row + up, words, colour))
+    limit = [1e3 * house["limit"] for house in houses]
+    marks.append(segments(limit, row - 0.4, limit, row + 0.4, "limit", LIMIT))
+    named = dict(zip(row.tolist(), (house["name"] for house in houses), strict=True))
+    upright = axis_of("", -0.6, len(houses) - 0.3, ticks=named)
+    height = 90 + 80 * len(houses)
+    return page_plot(
+        "Peaks at the houses.", panel(axis_of("PPV [mm/s]", 0.0), upright, marks, height)
+    )
 
 
-def tried_figure(summary):
-    """Draw all evaluated plans over their delays."""
+def tried_figure(summary) -> dict:
+    """Return the plot of all evaluated plans over their delays."""
     holes, rows, severity = np.array(summary["tried"]).T
-    figure = _figure(7.4, 4.2)
-    axis = figure.subplots()
-    drawn = axis.scatter(1e3 * holes, 1e3 * rows, c=severity, s=26, cmap=SEVERITY)
-    best = summary["delays_s"]
-    axis.scatter(1e3 * best["between_holes"], 1e3 * best["between_rows"], s=150, facecolors="none",
-                 edgecolors=INK, lw=1.6, label="best")  # fmt: skip
-    axis.legend(fontsize=7, frameon=False, loc="lower right", bbox_to_anchor=(1.0, 1.0))
-    axis.set_xlabel("delay between holes [ms]")
-    axis.set_ylabel("delay between rows [ms]")
-    axis.margins(0.06)
-    figure.colorbar(drawn, ax=axis, label="largest PPV over its limit", shrink=0.9)
-    _tidy(axis)
-    return _uri(figure)
+    best, words = summary["delays_s"], "largest PPV over its limit"
+    marks = [
+        dots(1e3 * holes, 1e3 * rows, values=severity, radius=5),
+        dots(1e3 * best["between_holes"], 1e3 * best["between_rows"], "best", INK, ring=True,
+             radius=9),
+    ]  # fmt: skip
+    scale = {"label": words, "low": severity.min(), "high": severity.max(), "colours": "viridis"}
+    across, upright = axis_of("delay between holes [ms]"), axis_of("delay between rows [ms]")
+    return page_plot("Evaluated plans.", panel(across, upright, marks, 380, scale=scale))

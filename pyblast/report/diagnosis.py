@@ -16,7 +16,7 @@ from ..diagnosis.decision import (
 from ..diagnosis.fitting import Fit
 from ..diagnosis.hypotheses import LIBRARY
 from ..diagnosis.search import material, means
-from ..diagnosis.summary import acts, diagnosis_lines, not_computed
+from ..diagnosis.summary import acts, diagnosis_lines, holes_in_words, not_computed
 from ..diagnosis.thresholds import (
     DECISIVE,
     FAR_FROM_PRIOR,
@@ -137,7 +137,14 @@ def _parts(diagnosis, summary, failures):
 
 
 def lead(diagnosis: Diagnosed, summary: dict) -> str:
-    """Return the result in a few sentences, which begin the page."""
+    """Return the result in a few sentences, which begin the page; suspected misfires first."""
+    silent = summary["suspected_misfires"]
+    first = f"Suspected misfires: {holes_in_words(silent)}. " if silent else ""
+    return first + _answer(diagnosis, summary)
+
+
+def _answer(diagnosis, summary):
+    """Return what was found in a few sentences."""
     outcome, decision = summary["outcome"], diagnosis.decision
     if outcome == "MISTAKE":
         plain_acts = [row["act"] for row in summary["mistakes"]]

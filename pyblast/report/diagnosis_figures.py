@@ -9,7 +9,6 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import LogNorm
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle, Polygon, Rectangle
-from matplotlib.ticker import MaxNLocator
 
 from ..diagnosis.cross_validation import held_out_prediction
 from ..diagnosis.decision import Decision
@@ -18,6 +17,7 @@ from ..diagnosis.search import Search, means
 from ..project.places import extent_of
 from ..signals.spectra import wavelet_transform
 from .figures import FAULT, GROUND, INK, RECORDED, SIMULATED, _figure, _tidy, _uri
+from .plots import axis_of, dots, line, page_plot, panel, segments
 
 CALIBRATED, WITH_EFFECT = "#9aa5b1", SIMULATED
 BELOW, ABOVE = "#c9d1d9", "#7a8fb0"
@@ -27,7 +27,7 @@ BEFORE, AFTER = "calibrated", "with the effect"
 COLUMNS = 3  # records side by side
 MISFIT, POINT = "YlOrRd", "#2563eb"
 WIDTH, TALLEST = 9.6, 9.0
-Figure = tuple[str, str, Callable[[], str]]  # title, caption, and what draws its data URI
+Figure = tuple[str, str, Callable[[], str | dict]]  # title, caption, data URI or `page_plot`
 NAMES = "east", "north", "height"
 CIRCLE = 72  # corners of a disc
 FAR = 2.0  # box diagonals from its middle that an unbounded plane reaches before it is clipped
@@ -57,7 +57,7 @@ def fits_shown(diagnosis: Diagnosed) -> dict[str, Fit]:
 
 
 def ranking_figure(rows, threshold, chosen=()):
-    """Draw the evidence of each effect beside the threshold.
+    """Return the plot of the evidence of each effect beside the threshold.
 
     Parameters
     ----------
@@ -70,33 +70,32 @@ def ranking_figure(rows, threshold, chosen=()):
 
     Returns
     -------
-    str
-        A data URI.
+    dict
+        Of `page_plot`.
     """
     rows = rows[:SHOWN]
-    figure = _figure(9.6, 1.1 + 0.3 * len(rows))
-    axis, height = figure.subplots(), np.arange(len(rows))[::-1]
+    height = np.arange(len(rows))[::-1]
     evidence = np.array([value for _, value in rows])
     top = max(evidence.max(), 1.5 * threshold)
     lowest = min(0.0, max(evidence.min(), -0.3 * top))
-    colours = [
-        SIMULATED if n in chosen else ABOVE if value >= threshold else BELOW
-        for n, value in enumerate(evidence)
-    ]
-    axis.barh(height, np.maximum(evidence, lowest), color=colours, height=0.65)
-    for y, value in zip(height, evidence, strict=True):
-        axis.text(
-            max(value, 0.0) + 0.012 * top, y, f"{value:.0f}", va="center", fontsize=8, color=INK,
-            bbox={"fc": "white", "ec": "none", "pad": 0.6, "alpha": 0.85},
-        )  # fmt: skip
-    axis.axvline(threshold, color=FAULT, lw=1.4, label=f"required: {threshold:.0f}")
-    axis.set_yticks(height, [name for name, _ in rows], parse_math=False)
-    axis.set_xlim(1.05 * lowest, 1.1 * top)
-    axis.set_xlabel("Δ ln evidence over the calibrated site")
-    axis.legend(fontsize=8, frameon=False, loc="lower right")
-    _tidy(axis)
-    axis.grid(False)
-    return _uri(figure)
+    picked = np.isin(np.arange(len(rows)), list(chosen))
+    above = ~picked & (evidence >= threshold)
+    groups = (
+        (picked, "in the answer", SIMULATED),
+        (above, "above what is required", ABOVE),
+        (~picked & ~above, "below", BELOW),
+    )
+    marks = [
+        segments(0.0 * evidence[part], height[part], np.maximum(evidence[part], lowest),
+                 height[part], name, colour, width=16, text=[f"{v:.0f}" for v in evidence[part]])
+        for part, name, colour in groups if part.any()
+    ]  # fmt: skip
+    ends = [-0.6, len(rows) - 0.4]
+    marks.append(line([threshold] * 2, ends, f"required: {threshold:.0f}", FAULT))
+    named = dict(zip(height.tolist(), (name for name, _ in rows), strict=True))
+    across = axis_of("Δ ln evidence over the calibrated site", 1.05 * lowest, 1.1 * top)
+    shown = panel(across, axis_of("", *ends, ticks=named), marks, 70 + 28 * len(rows))
+    return page_plot("Evidence of each effect.", shown)
 
 
 def compared_figure(columns, dt):
@@ -191,7 +190,7 @@ def round_marks(low, high):
 
 
 def holes_figure(values, prior, label):
-    """Draw one value for each hole with its 90 % interval, beside the prior mean.
+    """Return the plot of a value of each hole with its 90 % interval, beside the prior mean.
 
     Parameters
     ----------
@@ -204,30 +203,23 @@ def holes_figure(values, prior, label):
 
     Returns
     -------
-    str
-        A data URI.
+    dict
+        Of `page_plot`.
     """
-    figure = _figure(9.6, 2.6)
-    axis, number = figure.subplots(), np.arange(1, len(values) + 1)
+    number = np.arange(1, len(values) + 1)
     value, low, high = (np.array([v[k] for v in values]) for k in ("value", "low", "high"))
-    axis.axhline(prior, color=INK, lw=0.8, ls="--", label="prior mean")
+    marks = [line([0.5, len(values) + 0.5], [prior] * 2, "prior mean", INK, dash=True)]
     sure = (low > prior) | (high < prior)
     for shown, colour, name in (
         (sure, SIMULATED, "interval without the prior mean"),
         (~sure, CALIBRATED, "interval with the prior mean"),
     ):
         if shown.any():
-            reach = np.maximum(np.array([value - low, high - value])[:, shown], 0.0)
-            axis.errorbar(
-                number[shown], value[shown], reach, fmt="o", color=colour, ms=5, lw=1.4,
-                capsize=2, label=name,
-            )  # fmt: skip
-    axis.set_xlabel("hole, in the order of the hole table")
-    axis.set_ylabel(label, parse_math=False)
-    axis.xaxis.set_major_locator(MaxNLocator("auto", steps=[1, 2, 2.5, 5, 10], integer=True))
-    axis.legend(fontsize=7, frameon=False, ncol=3, loc="lower right", bbox_to_anchor=(1.0, 1.0))
-    _tidy(axis)
-    return _uri(figure)
+            ends = number[shown], low[shown], number[shown], high[shown]
+            marks.append(segments(*ends, None, colour, width=2))
+            marks.append(dots(number[shown], value[shown], name, colour, radius=5))
+    across = axis_of("hole, in the order of the hole table", 0.5, len(values) + 0.5)
+    return page_plot("A value of each hole.", panel(across, axis_of(label), marks, 250))
 
 
 def held_out_figures(diagnosis: Diagnosed) -> Iterator[Figure]:

@@ -20,6 +20,7 @@ from ..mesh.faces import face_vectors, pair_faces, zone_faces
 from ..signals.comparison import Comparison
 from ..signals.seismogram import Seismogram
 from ..signals.spectra import dominant_frequency, smoothed_spectrum, zero_crossing_frequency
+from .plots import axis_of, dots, line, page_plot, panel
 
 _TRIANGLE_EDGES = np.array([[0, 1], [1, 2], [2, 0]])
 NUDGE = 1.2345e-5
@@ -104,6 +105,7 @@ def outer_skin(points, zones):
 
 GROUND = ("#cdb58c", "#8fa3ad", "#5b6570", "#a7b08a", "#b48a78", "#7a8fb0")
 INK, RECORDED, SIMULATED, FAULT = "#2b2b2b", "#2b2b2b", "#c2410c", "#b91c1c"
+COLOURS = INK, "#1d4ed8", "#0f766e", "#a16207", "#7e22ce", "#64748b", "#be185d", "#166534"
 LETTERS = {"longitudinal": "L", "transverse": "T", "vertical": "V", "east": "E", "north": "N"}
 PAPER_ORDER = ("transverse", "north", "vertical", "longitudinal", "east")
 SOURCE_UNITS = {
@@ -176,8 +178,8 @@ def draw_motion(seismograms, colours, top=None, t_max=None) -> Figure:
     return figure
 
 
-def source_figure(histories, top):
-    """Draw source histories, and the spectrum of their slope up to ``top`` Hz.
+def source_figure(histories, top) -> dict:
+    """Return the plot of source histories, and the spectrum of their slope up to ``top`` Hz.
 
     Parameters
     ----------
@@ -185,25 +187,22 @@ def source_figure(histories, top):
         Time in s, and moment rate in N m/s, force in N or pressure in Pa.
     top : float, Hz
     """
-    figure = _figure(9.6, 2.4 * len(histories))
-    rows = figure.subplots(len(histories), 2, squeeze=False, width_ratios=[1.5, 1.0])
-    for (name, table), row in zip(histories.items(), rows, strict=True):
+    panels = []
+    for name, table in histories.items():
         time = np.arange(table[0, 0], table[-1, 0], min(np.diff(table[:, 0]).min(), 0.1 / top))
-        value = np.interp(time, *table.T)
-        slope = np.gradient(value, time)
+        slope = np.gradient(np.interp(time, *table.T), time)
         spectrum = np.abs(np.fft.rfft(slope, 8 * len(slope)))
         frequency = np.fft.rfftfreq(8 * len(slope), time[1] - time[0])
-        row[0].plot(*table.T, color=FAULT, lw=1.1)
-        row[1].plot(frequency, spectrum / spectrum.max(), color=FAULT, lw=1.1)
-        unit = SOURCE_UNITS[name.rpartition("_")[0]]
-        row[0].set_ylabel(f"{name.replace('_', ' ')} [{unit}]")
-        row[1].set_ylabel("share of the peak")
-        row[1].set_xlim(0.0, top)
-        for axis in row:
-            _tidy(axis)
-    rows[-1, 0].set_xlabel("time [s]")
-    rows[-1, 1].set_xlabel("frequency [Hz]")
-    return _uri(figure)
+        shown = frequency <= 1.01 * top
+        share = spectrum[shown] / spectrum.max()
+        label = f"{name.replace('_', ' ')} [{SOURCE_UNITS[name.rpartition('_')[0]]}]"
+        panels += [
+            panel(axis_of("time [s]"), axis_of(label), [line(*table.T, name, FAULT)], 230,
+                  share=1.5),
+            panel(axis_of("frequency [Hz]", 0.0, top), axis_of("share of the peak", 0.0),
+                  [line(frequency[shown], share, None, FAULT)], 230),
+        ]  # fmt: skip
+    return page_plot("Source histories and spectra of their slope.", *panels, columns=2)
 
 
 def section_figure(result, north, field="group"):
@@ -335,10 +334,8 @@ def _shading(corners):
     return 0.72 + 0.28 * np.abs(normal @ sun) / np.linalg.norm(sun)
 
 
-def energy_figure(energy, lead, layered=False):
-    """Draw the energy since the start of the run, of ground in an absorbing layer or not."""
-    figure = _figure(9.6, 3.4)
-    axes = figure.subplots()
+def energy_figure(energy, lead, layered=False) -> dict:
+    """Return the plot of energy since the start, of ground in an absorbing layer or not."""
     names = {
         "input": "put in", "kinetic": "kinetic", "strain": "strain",
         "dashpots": "absorbed by dashpots", "absorbing_layer": "absorbing layer",
@@ -350,21 +347,19 @@ def energy_figure(energy, lead, layered=False):
     gained = {name: energy[name] - energy[name][0] for name in names if name in energy}
     top = max(float(np.abs(gain).max()) for gain in gained.values())
     factor, unit = next((each for each in ENERGY_UNITS if each[0] * top > 1.0), ENERGY_UNITS[-1])
-    for number, (name, label) in enumerate(names.items()):
-        if name in gained and np.abs(gained[name]).max() > LEAST_SHOWN * top:
-            style = {"color": f"C{number}", "lw": 1.2}
-            if name == "input":
-                style = {"color": INK, "lw": 3.0, "alpha": 0.35}
-            axes.plot(energy["time"] - lead, factor * gained[name], label=label, **style)
-    axes.set_xlabel("time after the first firing [s]")
-    axes.set_ylabel(f"energy [{unit}]")
+    lines = [
+        line(energy["time"] - lead, factor * gained[name], label, COLOURS[number],
+             **({"width": 4, "opacity": 0.4} if name == "input" else {}))
+        for number, (name, label) in enumerate(names.items())
+        if name in gained and np.abs(gained[name]).max() > LEAST_SHOWN * top
+    ]  # fmt: skip
     least = min(float(gain.min()) for gain in gained.values())
+    ends = None, None
     if top > 0.0 and least > -LEAST_SHOWN * top:  # joints under initial stress give energy, too
-        axes.set_yscale("log")
-        axes.set_ylim(LEAST_SHOWN * factor * top, 2.0 * factor * top)
-    axes.legend(fontsize=7, frameon=False, loc="upper left", bbox_to_anchor=(1.0, 1.0))
-    _tidy(axes)
-    return _uri(figure)
+        ends = LEAST_SHOWN * factor * top, 2.0 * factor * top
+    upright = axis_of(f"energy [{unit}]", *ends, log=ends[0] is not None)
+    across = axis_of("time after the first firing [s]")
+    return page_plot("Energy since the start of the run.", panel(across, upright, lines, 340))
 
 
 def _figure(width, height):
@@ -413,11 +408,10 @@ def _sentence_image(text):
 
 SUM = "vector sum"
 LEAST_SPAN = 1.0, 100.0  # Hz
-TICKS = [a * 10.0**b for b in range(-4, 5) for a in (1, 2, 5)]
 
 
 def limits_figure(motions, curves):
-    """Draw the peak of each component, and of the vector sum if a curve limits that.
+    """Return the plot of peaks of components, and of the vector sum if a curve limits that.
 
     Parameters
     ----------
@@ -427,8 +421,8 @@ def limits_figure(motions, curves):
 
     Returns
     -------
-    image : str
-        A data URI.
+    drawn : dict
+        Of `page_plot`.
     left_out : list of str
         Peaks that have no frequency; see `peaks_of`.
     """
@@ -440,33 +434,23 @@ def limits_figure(motions, curves):
         for what, size, hz in peaks_of(motion, summed)
     ]
     drawn = [row for row in peaks if np.isfinite(row[-1])]
-    span = [*LEAST_SPAN, *(hz for *_, hz in drawn)]
-    frequency = np.geomspace(min(span), 1.2 * max(span), 2000)
-    figure = _figure(9.6, 5.0)
-    axes = figure.subplots()
-    for curve in curves:
-        label = f"{curve.name} ({curve.quantity})"
-        axes.loglog(frequency, 1e3 * curve.limit(frequency), lw=1.1, label=label)
+    span = [*LEAST_SPAN, *(1.2 * hz for *_, hz in drawn)]
+    frequency = np.geomspace(min(span), max(span), 2000)
+    marks = [
+        line(frequency, 1e3 * curve.limit(frequency), f"{curve.name} ({curve.quantity})",
+             COLOURS[1 + k % (len(COLOURS) - 1)])
+        for k, curve in enumerate(curves)
+    ]  # fmt: skip
     for kind, colour in zip(motions, (SIMULATED, RECORDED), strict=False):
         of_kind = [(text, 1e3 * size, hz) for k, text, size, hz in drawn if k == kind]
-        label = kind
-        for text, size, hz in of_kind:
-            axes.plot(hz, size, "o", ms=4, color=colour, label=label)
-            axes.annotate(
-                text, (hz, size), (4, 0), textcoords="offset points", fontsize=6.5, color=colour,
-                va="center",
-            )  # fmt: skip
-            label = None
-    axes.set_xlabel("frequency by zero crossing [Hz]")
-    axes.set_ylabel("peak particle velocity [mm/s]")
-    for axis, (low, high) in ((axes.xaxis, axes.get_xlim()), (axes.yaxis, axes.get_ylim())):
-        ticks = [tick for tick in TICKS if low <= tick <= high]
-        axis.set_ticks(ticks, [_short(tick) for tick in ticks])
-        axis.set_ticks([], minor=True)
-    axes.set_xlim(frequency[0], frequency[-1])
-    axes.legend(fontsize=7, frameon=False, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncol=2)
-    _tidy(axes)
-    return _uri(figure), [f"{text} ({kind})" for kind, text, _, hz in peaks if not np.isfinite(hz)]
+        if of_kind:
+            text, size, hz = zip(*of_kind, strict=True)
+            marks.append(dots(hz, size, kind, colour, text=text))
+    across = axis_of("frequency by zero crossing [Hz]", frequency[0], frequency[-1], log=True)
+    upright = axis_of("peak particle velocity [mm/s]", log=True)
+    left_out = [f"{text} ({kind})" for kind, text, _, hz in peaks if not np.isfinite(hz)]
+    words = "Peaks of components against limit curves."
+    return page_plot(words, panel(across, upright, marks, 420)), left_out
 
 
 def peaks_of(motion, summed):
@@ -486,7 +470,7 @@ def peaks_of(motion, summed):
 
 
 def waveform_figure(seismograms, colours, top=None, t_max=None) -> dict:
-    """Return seismograms and amplitude spectra of a receiver as waveforms.js draws them.
+    """Return seismograms and amplitude spectra of a receiver as plots.js draws them.
 
     A record of more than `MOST_SAMPLES` keeps the smallest and the largest of each interval. Values
     are little-endian 16-bit integers in base64, times ``scale``.

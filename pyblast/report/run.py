@@ -14,6 +14,7 @@ from ..signals.comparison import load_limits
 from ..units import plain_number
 from . import figures, maps
 from .figures import limits_figure
+from .plots import tables
 
 SPECTRUM_TOP = 40.0
 FIGURE = "title", "caption", "tables", "image"
@@ -203,6 +204,7 @@ def page(name):
         "angle": angle,
         "plain": plain_number,
         "share": share_of_limit,
+        "tables": tables,
     }
     return environment.get_template(name)
 
@@ -242,11 +244,16 @@ def _figures(result):
 
 def with_waveforms(rows):
     """Return figures with the number of their waveform, if they are one, and these waveforms."""
-    waves = [row["image"] for row in rows if isinstance(row["image"], dict)]
+    waves = [row["image"] for row in rows if _is_wave(row["image"])]
     for row in rows:
-        is_wave = isinstance(row["image"], dict)
+        is_wave = _is_wave(row["image"])
         row["waveform"] = waves.index(row["image"]) if is_wave else None
     return rows, waves
+
+
+def _is_wave(image):
+    """Tell whether a figure is a motion with its spectrum."""
+    return isinstance(image, dict) and "traces" in image
 
 
 def _spectrum_top(summary):

@@ -4,11 +4,11 @@ import math
 from dataclasses import asdict
 
 import numpy as np
-from matplotlib.patches import Rectangle
 
 from ..back_analysis.parameters import range_of
 from ..project.result import plain, write_text
 from .figures import INK, SIMULATED, _figure, _short, _tidy, _uri
+from .plots import axis_of, dots, line, page_plot, panel, segments
 from .run import page
 
 RANGE, LABORATORY, GAIN = "#d8dde3", "#2563eb", "viridis"
@@ -200,13 +200,13 @@ def survey_figure(survey):
     if any(row["kind"] == "receiver" for row in survey["candidates"]):
         caption = (
             f"Left: {caption[0].lower()}{caption[1:]} Right: gain of information by one more "
-            "receiver; the circle marks the best candidate, triangles the present receivers."
+            "receiver; the circle marks the best candidate, black dots the present receivers."
         )
     return "Identifiability of the parameters", caption, ratios_figure(survey)
 
 
-def ratios_figure(survey):
-    """Draw the posterior/prior ratio of each parameter, and the gains of candidate receivers.
+def ratios_figure(survey) -> dict:
+    """Return the plot of posterior/prior ratios, and of the gains of candidate receivers.
 
     Parameters
     ----------
@@ -214,44 +214,36 @@ def ratios_figure(survey):
         Of `summarise_survey`.
     """
     rows = survey["parameters"]
-    candidates = [row for row in survey["candidates"] if row["kind"] == "receiver"]
-    figure = _figure(9.6, max(2.6, 0.8 + 0.4 * len(rows)) if not candidates else 3.6)
-    axes = figure.subplots(1, 2 if candidates else 1, squeeze=False)[0]
-    bars, heights = axes[0], np.arange(len(rows))[::-1]
-    bars.barh(heights, [1.0] * len(rows), color=RANGE, height=0.6)
+    height = np.arange(len(rows))[::-1]
+    none, whole = np.zeros(len(rows)), np.ones(len(rows))
     ratios = [0.0 if row["why"] else row["ratio"] for row in rows]
-    bars.barh(heights, ratios, color=SIMULATED, height=0.6)
-    for y, row in zip(heights, rows, strict=True):
-        text = row["constraint"] if row["why"] else f"{row['ratio']:.2f}  {row['constraint']}"
-        bars.text(0.98, y, text, ha="right", va="center", fontsize=8, color=INK)
-    bars.set_yticks(heights, [row["path"] for row in rows])
-    bars.set_xlim(0.0, 1.0)
-    bars.set_xlabel("posterior / prior standard deviation")
-    _tidy(bars)
-    bars.grid(False)
-    if candidates:
-        _map(figure, axes[1], survey, candidates)
-    return _uri(figure)
+    words = [row["constraint"] if row["why"] else f"{row['ratio']:.2f} {row['constraint']}"
+             for row in rows]  # fmt: skip
+    named = dict(zip(height.tolist(), (row["path"] for row in rows), strict=True))
+    bars = panel(
+        axis_of("posterior / prior standard deviation", 0.0, 1.0),
+        axis_of("", -0.6, len(rows) - 0.4, ticks=named),
+        [segments(none, height, whole, height, "prior", RANGE, width=18),
+         segments(none, height, ratios, height, "posterior", SIMULATED, width=18, text=words)],
+        80 + 38 * len(rows),
+    )  # fmt: skip
+    candidates = [row for row in survey["candidates"] if row["kind"] == "receiver"]
+    panels = [bars, _map(survey, candidates)] if candidates else [bars]
+    return page_plot("Identifiability of the parameters.", *panels, columns=len(panels))
 
 
-def _map(figure, axis, survey, candidates):
-    """Draw a map of candidate receivers, coloured by their gain."""
+def _map(survey, candidates):
+    """Return the map of candidate receivers, coloured by their gain."""
     x, y, gain = np.array([[*row["position"][:2], row["gain"]] for row in candidates]).T
-    drawn = axis.scatter(x, y, c=gain, s=60, cmap=GAIN, vmin=0.0, edgecolors="white", lw=0.5)
-    best = int(np.argmax(gain))
-    axis.scatter(x[best], y[best], s=170, facecolors="none", edgecolors=SIMULATED, lw=1.6)
-    for row in survey["receivers"]:
-        axis.plot(*row["position"][:2], "^", color=INK, ms=8)
-        axis.annotate(
-            row["name"], row["position"][:2], xytext=(0, 7), textcoords="offset points",
-            ha="center", fontsize=7, color=INK,
-        )  # fmt: skip
-    axis.margins(0.12)
-    axis.set_aspect("equal", adjustable="datalim")
-    axis.set_xlabel("east [m]")
-    axis.set_ylabel("north [m]")
-    figure.colorbar(drawn, ax=axis, label="decrease of ln det", shrink=0.85)
-    _tidy(axis)
+    best, present = int(np.argmax(gain)), survey["receivers"]
+    east, north = np.array([row["position"][:2] for row in present]).reshape(-1, 2).T
+    marks = [
+        dots(x, y, values=gain, radius=6, text=[row["name"] for row in candidates], quiet=True),
+        dots(x[best], y[best], "best candidate", SIMULATED, ring=True, radius=10),
+        dots(east, north, "receiver", INK, text=[row["name"] for row in present]),
+    ]
+    scale = {"label": "decrease of ln det", "low": 0.0, "high": gain.max(), "colours": GAIN}
+    return panel(axis_of("east [m]"), axis_of("north [m]"), marks, equal=True, scale=scale)
 
 
 def result_figures(survey, points, misfits):
@@ -305,7 +297,7 @@ def _trade_caption(survey, pair):
 
 
 def trade_off_figure(survey, pair, points, misfits):
-    """Draw the trade-off of two parameters within their ranges.
+    """Return the plot of the trade-off of two parameters within their ranges.
 
     Parameters
     ----------
@@ -317,28 +309,19 @@ def trade_off_figure(survey, pair, points, misfits):
         Of the runs.
     misfits : (n,) float64
     """
-    figure = _figure(6.4, 4.2)
-    axis = figure.subplots()
     rows = [survey["parameters"][k] for k in pair]
-    low, high = (np.array([row[end] for row in rows]) for end in ("low", "high"))
-    axis.add_patch(
-        Rectangle((low[0], low[1]), *(high - low), color=RANGE, alpha=0.5, lw=0, zorder=0)
-    )
-    edge = ellipse(survey, pair)
-    axis.plot(*edge, color=SIMULATED, lw=1.4, label="90 % region")
     shown = np.isfinite(misfits) & (misfits > 0.0)
-    drawn = axis.scatter(
-        *points[shown][:, list(pair)].T, c=np.log10(misfits[shown]), cmap="Greys_r", s=18,
-        edgecolors=INK, lw=0.3, zorder=3, label="runs",
-    )  # fmt: skip
-    axis.plot(*(row["value"] for row in rows), "o", color=SIMULATED, ms=7, zorder=4, label="best")
-    for row, name in zip(rows, ("x", "y"), strict=True):
-        getattr(axis, f"set_{name}scale")("log" if row["log"] else "linear")
-        getattr(axis, f"set_{name}label")(row["path"], fontsize=8)
-    axis.legend(fontsize=7, frameon=False, loc="upper left", bbox_to_anchor=(0.0, 1.1), ncol=3)
-    figure.colorbar(drawn, ax=axis, label="log10 misfit", shrink=0.85)
-    _tidy(axis)
-    return _uri(figure)
+    size = np.log10(misfits[shown])
+    x, y = points[shown][:, list(pair)].T
+    marks = [
+        line(*ellipse(survey, pair), "90 % region", SIMULATED),
+        dots(x, y, "runs", values=size, radius=5),
+        dots(*([row["value"]] for row in rows), "best", SIMULATED, radius=6),
+    ]
+    scale = {"label": "log10 misfit", "low": size.min(initial=0.0), "high": size.max(initial=0.0),
+             "colours": "greys"}  # fmt: skip
+    axes = [axis_of(row["path"], row["low"], row["high"], log=row["log"]) for row in rows]
+    return page_plot("Trade-off of two parameters.", panel(*axes, marks, 400, scale=scale))
 
 
 def ellipse(survey, pair):

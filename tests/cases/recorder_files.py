@@ -141,7 +141,7 @@ def generic(header="time_s,east_m_per_s,north_m_per_s,vertical_m_per_s", rows=No
     return "\n".join([header, *(",".join(f"{x:.6g}" for x in row) for row in rows)]) + "\n"
 
 
-def seg2(data, *, order="<", start="-0.010", descaling=None, spacing=2.0, n_promised=None):
+def seg2(data, *, order="<", start="-0.010", descaling=None, spacing=2.0, n_promised=None, more=()):
     """One shot in SEG-2 with 32-bit floating samples; ``n_promised`` samples in the header."""
     data = np.asarray(data, dtype=order + "f4")
     n_traces = len(data)
@@ -150,6 +150,7 @@ def seg2(data, *, order="<", start="-0.010", descaling=None, spacing=2.0, n_prom
         words = [f"CHANNEL_NUMBER {n + 1}", f"DELAY {start}", "SAMPLE_INTERVAL 0.001",
                  f"RECEIVER_LOCATION {spacing * n:.2f}", "SOURCE_LOCATION -5.00"]  # fmt: skip
         words += [f"DESCALING_FACTOR {descaling}"] if descaling else []
+        words += more
         free = (
             b"".join(
                 struct.pack(order + "H", len(word) + 3) + word.encode() + b"\0" for word in words

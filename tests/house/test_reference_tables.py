@@ -12,7 +12,9 @@ from pyblast.diagnosis.hypotheses import LIBRARY
 
 REFERENCE = Path(__file__).parents[2] / "docs" / "reference"
 PAGE = REFERENCE / "hypotheses.md"
-PAGES = {"library": PAGE, "thresholds": REFERENCE / "thresholds.md"}
+PAGES = {
+    "library": PAGE, "thresholds": REFERENCE / "thresholds.md", "curves": REFERENCE / "results.md"
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("name", TABLES)

@@ -1,8 +1,10 @@
 """Mesh files: gmsh of every version and med give one mesh; inner surfaces are never sides."""
 
+import re
 import shutil
 from pathlib import Path
 
+import meshio
 import numpy as np
 import pytest
 
@@ -297,3 +299,79 @@ def test_no_message_advises_what_changes_the_physics(tmp_path):
 
     with pytest.raises(InputError, match="lacks 'west'"):
         _ = load_project(tmp_path / "p.toml").model
+
+
+# hexahedra
+
+
+def hexahedra(path, cells=(3, 2, 2), turned=False, prism=False):
+    """Write a box of two groups with a surface between, as meshio does."""
+    nx, ny, nz = cells
+    number = np.arange((nx + 1) * (ny + 1) * (nz + 1)).reshape(nx + 1, ny + 1, nz + 1)
+    grid = np.meshgrid(*(np.arange(n + 1.0) for n in cells), indexing="ij")
+    points = np.stack(grid, axis=-1).reshape(-1, 3)
+    corner = [number[i : i + nx, j : j + ny, k : k + nz].ravel()
+              for k in (0, 1) for i, j in ((0, 0), (1, 0), (1, 1), (0, 1))]  # fmt: skip
+    zones = np.stack(corner, axis=1)
+    middle = number[1]
+    facets = np.stack([middle[:-1, :-1], middle[1:, :-1], middle[1:, 1:], middle[:-1, 1:]], axis=-1)
+    facets = facets.reshape(-1, 4)
+    east = points[zones].mean(axis=1)[:, 0] > 1.0
+    if turned:  # clockwise seen from above
+        zones[::2] = zones[::2][:, [0, 3, 2, 1, 4, 7, 6, 5]]
+    tags = [np.full(len(facets), 21), np.where(east, 12, 11)]
+    blocks = [("quad", facets), ("hexahedron", zones)]
+    if prism:
+        blocks, tags = [*blocks, ("wedge", zones[:1, [0, 1, 2, 4, 5, 6]])], [*tags, np.array([11])]
+    if path.suffix == ".inp":
+        named = {"surface_21": 21, "group_11": 11, "group_12": 12}
+        sets = {name: [np.flatnonzero(t == tag) for t in tags] for name, tag in named.items()}
+        mesh = meshio.Mesh(points, blocks, cell_sets=sets)
+    else:
+        name = "cell_tags" if path.suffix == ".med" else "gmsh:physical"
+        sign = -1 if path.suffix == ".med" else 1
+        mesh = meshio.Mesh(points, blocks, cell_data={name: [sign * tag for tag in tags]})
+    mesh.write(path, **{"file_format": "gmsh22"} if path.suffix == ".msh" else {})
+    return path
+
+
+@pytest.mark.parametrize("turned", [False, True])
+@pytest.mark.parametrize("name", ["m.msh", "m.vtu", "m.xdmf", "m.med", "m.inp"])
+def test_hexahedra_of_every_format_are_read_and_split(tmp_path, name, turned):
+    mesh = read_mesh(hexahedra(tmp_path / name, turned=turned), joints=["surface_21"], order=3)
+
+    assert (mesh.hexahedral, mesh.order, mesh.groups) == (True, 3, ("group_11", "group_12"))
+    assert meshes.zone_volumes(mesh) == pytest.approx(np.ones(12))
+    assert meshes.quality(mesh).min() == pytest.approx(1.0)
+    assert np.bincount(mesh.zone_group).tolist() == [4, 8]
+    split = mesh.split(["surface_21"])
+    assert split.blocks().max() == 1
+    assert split.contacts.area.sum() == pytest.approx(4.0)
+
+
+@pytest.mark.parametrize("name", ["m.msh", "m.vtu"])
+def test_zones_of_two_kinds_are_named(tmp_path, name):
+    with pytest.raises(
+        ReadError, match=r"holds quadrangles, hexahedra, prisms; .*one kind of z"
+    ):
+        read_mesh(hexahedra(tmp_path / name, prism=True))
+
+
+def test_cells_that_the_library_would_leave_out_are_refused(tmp_path):
+    path = hexahedra(tmp_path / "m.vtu")
+    meshio.vtu.write(path, meshio.read(path), binary=False)
+    path.write_text(re.sub(r'(Name="types"[^>]*>\s*)\d+', r"\g<1>42", path.read_text()))
+
+    with pytest.raises(ReadError, match=r"cells of a kind that is not read|broken"):
+        read_mesh(path)
+
+
+@pytest.mark.parametrize(("kind", "width"), [("triangle", 3), ("quad", 4)])
+@pytest.mark.parametrize("name", ["m.msh", "m.vtu", "m.med", "m.inp"])
+def test_a_plane_mesh_is_called_two_dimensional(tmp_path, name, kind, width):
+    points = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
+    options = {"file_format": "gmsh22"} if name == "m.msh" else {}
+    meshio.Mesh(points, [(kind, np.arange(width)[None])]).write(tmp_path / name, **options)
+
+    with pytest.raises(ReadError, match="this one is two-dimensional"):
+        read_mesh(tmp_path / name)

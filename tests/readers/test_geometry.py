@@ -484,6 +484,16 @@ def test_a_file_without_a_surface_is_refused_with_its_reason(name, content, mess
         read_surface(tmp_path / name)
 
 
+@pytest.mark.parametrize("written", ["55,0", "5S.0", "1O1"])
+def test_a_number_that_the_library_would_guess_is_refused(tmp_path, written):
+    dxf_faces(tmp_path / "a.dxf")
+    text = (tmp_path / "a.dxf").read_text()
+    (tmp_path / "b.dxf").write_text(text.replace("\n55.0\n", f"\n{written}\n", 1))
+
+    with pytest.raises(ReadError, match=f"near line .*: expected a number, got '{written}'"):
+        read_surface(tmp_path / "b.dxf", box=BOX)
+
+
 @pytest.mark.parametrize("seed", range(24))
 def test_a_damaged_file_is_read_or_refused(seed, tmp_path):
     write, suffix = [(esri, "asc"), (surfer, "grd"), (geotiff, "tif"), (landxml, "xml"),

@@ -90,7 +90,7 @@ def text(outcome):
 
 def figures(outcome):
     """Return the titles of the figures of the page."""
-    return re.findall(r'<img alt="([^"]*)" src="data:image/png;base64,', page(outcome))
+    return re.findall(r"<figcaption><b>([^<]*)[.]</b>", page(outcome))
 
 
 def test_a_slow_clock_is_named_with_its_place_and_time():
@@ -114,6 +114,33 @@ def test_the_page_draws_maps_ranking_and_records_that_were_left_out():
 
 def test_effects_with_a_value_for_each_hole_are_drawn_hole_by_hole():
     assert "delay_scatter: delays of blast B1" in figures("CLASS")
+
+
+def test_a_suspected_misfire_is_named_by_its_hole_first_and_the_step_is_to_keep_off():
+    found, _ = made("NAMED")
+    before = found.decision.fit
+    parts = np.array([0.1, 0.9, 1.2])
+    holes = Effect("misfire_or_charge_error/holes", "B1", (tuple(parts),))
+    (scales,) = holes.hypothesis.parameters
+    uncertain = np.diag([0.0] * len(before.values) + [(0.05 / scales.sigma) ** 2] * 3)
+    x = np.append(before.values, scales.standardised(parts))
+    silent = replace(before, effects=(holes,), x=x, covariance=uncertain, alternatives=())
+    decision = replace(found.decision, fit=silent, best=silent)
+    first, second, _ = found.scene.case.project.blasts["B1"].hole_ids
+
+    summary = summarise_diagnosis(found.search, decision) | NOTES | {"corrected": False}
+
+    (row,) = summary["suspected_misfires"]
+    assert (row["blast"], row["hole"], row["radiated"]) == ("B1", first, 0.1)
+    assert row["low"] == 0.0 < row["radiated"] < row["high"] < 0.25
+    (effect,) = summary["effects"]
+    assert [scale["hole"] for scale in effect["parameters"]["scales"]][:2] == [first, second]
+    named = f"hole {first} (0.10, 0.00 to {row['high']:.2f}) of blast B1"
+    assert lead(replace(found, decision=decision), summary).startswith(
+        f"Suspected misfires: {named}"
+    )
+    assert summary["next_measurement"].startswith(f"keep people and machines off {named}")
+    assert f"  suspected misfires: {named}" in diagnosis_lines(summary)
 
 
 def test_a_class_names_its_members_as_not_told_apart():

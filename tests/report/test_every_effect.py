@@ -131,7 +131,7 @@ def test_a_page_of_several_effects_lacks_nothing(ground, monkeypatch):
     page = render_diagnosis(*answer_with(scene, *chosen[:2]))
 
     assert "<h3>Not computed</h3>" not in page
-    assert len(re.findall("<img", page)) >= 3
+    assert len(re.findall('<img|class="plot"', page)) >= 3
 
 
 @pytest.mark.parametrize("ground", [name for name in GROUNDS if name not in ("survey", "bench")])

@@ -104,7 +104,7 @@ def test_a_mesh_that_fails_costs_its_hypothesis_alone(ended):
 
 def test_a_figure_that_fails_costs_itself_and_is_named(ended):
     page = ended[4]
-    titles = re.findall(r'<img alt="([^"]*)"', page)
+    titles = re.findall(r"<figcaption><b>([^<]*)[.]</b>", page)
 
     assert "In time and frequency" in titles
     assert "Evidence" in titles

@@ -6,13 +6,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pyblast.back_analysis.identifiability import run_with_slip, slip_factors
 from pyblast.mesh.builder import structured_box
 from pyblast.model.boundary import StressInput, Viscous
 from pyblast.model.joint import Joint
 from pyblast.model.model import Model, Receiver
 from pyblast.signals.seismogram import Seismogram
 from pyblast.solver.run import simulate
+from pyblast.solver.slip import run_with_slip, slip_factors
 from verification.columns import ROCK, ricker
 
 NORMAL = np.array([[1.0, 0.0, 0.0]])
