@@ -51,6 +51,7 @@ if TYPE_CHECKING:
     from .workflows.run import run
     from .project.result import read_result
     from .report.run import write_report
+    from .report.view import ModelView
 
     # Inverse problems: parameters, survey design, missing physics
     from .workflows.back_analysis import back_analyse, design_survey
@@ -75,7 +76,7 @@ __all__ = [
     # Solve
     "simulate",
     # Project files: read, check, run, report
-    "Project", "load_project", "check", "run", "read_result", "write_report",
+    "Project", "load_project", "check", "run", "read_result", "write_report", "ModelView",
     # Inverse problems: parameters, survey design, missing physics
     "back_analyse", "design_survey", "diagnose", "predict",
     # Planning of blasts

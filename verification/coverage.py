@@ -19,7 +19,7 @@ import numpy as np
 import obspy
 
 from pyblast.back_analysis.findings import findings_of_fit
-from pyblast.back_analysis.fit import Fitter, Runs, on_mesh_of_band
+from pyblast.back_analysis.fit import Fitter, on_mesh_of_band
 from pyblast.back_analysis.search import make_target
 from pyblast.config.section import value_at
 from pyblast.project.project import load_project
@@ -95,9 +95,9 @@ def judged(name: str, folder: Path) -> dict:
     assert waves is not None  # the default misfit
     assert table is not None  # written above
     blasts = on_mesh_of_band(target.projects, waves.window.band[1])
-    runs = Runs(blasts, waves.records, waves.window, table.runs, folder / f"runs-{site}",
-                report=lambda row: stored.append(row["stored"]))  # fmt: skip
-    result = result_of_fit(target, table, Fitter(runs, target.parameters).fit())
+    fitter = Fitter(blasts, waves, target.parameters, table.runs, folder / f"runs-{site}",
+                    report=lambda row: stored.append(row["stored"]))  # fmt: skip
+    result = result_of_fit(target, table, fitter.fit())
     spent = time.process_time() - began
     assert result.fit is not None  # of waveforms
     truth, intervals = truth_of(site), result.fit.intervals()

@@ -140,7 +140,7 @@ def _misfit(recorded, predicted, file):
     project = load_project(file)
     misfits = []
     for name in there.keys() & here.keys():
-        record = there[name].filtered_like(project.low_pass).seismogram
+        record = there[name].filtered_like(project.shot.low_pass).seismogram
         band = band_functions(len(record.velocity), record.dt, project.config.band_hz)
         data, model = (v.T @ band.basis for v in (record.velocity, here[name].seismogram.velocity))
         misfits.append(np.sum((data - model) ** 2) / np.sum(data**2))

@@ -42,7 +42,7 @@ ABOVE = "report", "workflows", "cli"
 # Decorators beside which a function is still called by its name.
 NO_CALLERS = {
     "property", "cached_property", "classmethod", "staticmethod", "setter", "cache", "lru_cache",
-    "contextmanager", "overload", "dataclass", "_part",
+    "contextmanager", "overload", "dataclass",
 }  # fmt: skip
 
 

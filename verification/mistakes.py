@@ -20,7 +20,7 @@ from zlib import crc32
 import numpy as np
 
 from pyblast.diagnosis.case import case_of
-from pyblast.diagnosis.forward import Forward
+from pyblast.diagnosis.forward import simulation_of
 from pyblast.diagnosis.mistakes import changed_records, mistakes_of, with_velocity
 from pyblast.project.project import load_project, with_further
 
@@ -76,9 +76,9 @@ KINDS = (*AT_A_RECEIVER, "receivers exchanged", *OF_A_BLAST, "none")
 
 def spoiled(project, kind, rng):
     """Return a project with a mistake, and what should be named: kind, target, part of the act."""
-    every = (project, *project.further)
+    every = project.shots
     receivers = set(case_of(project).receivers)
-    names = sorted(set.intersection(receivers, *(set(each.records) for each in every)))
+    names = sorted(set.intersection(receivers, *map(set, project.survey.recordings.values())))
     receiver, other = map(str, rng.choice(names, 2, replace=False))
     most = max(every, key=lambda each: len(each.blast.times))
     blast = str(rng.choice([each.name for each in every]))
@@ -90,10 +90,10 @@ def spoiled(project, kind, rng):
             act,
         )
     if kind == "receivers exchanged":
-        tables = {e.name: dict(e.records) for e in every}
+        tables = project.survey.recordings
         for t in tables.values():
             t[receiver], t[other] = t[other], t[receiver]
-        return project.changed(records=tables), ("receivers", {receiver, other}, "exchange")
+        return _with(project, tables), ("receivers", {receiver, other}, "exchange")
     if kind == "time zero 30 ms late":
         late = changed_records(project, lambda one: replace(
             one, seismogram=one.seismogram.shifted(0.03)), blast=blast)  # fmt: skip
@@ -113,12 +113,17 @@ def spoiled(project, kind, rng):
         wrong = replace(own, collar=own.collar + by, toe=own.toe + by)
         return project.changed(blasts=blasts | {blast: wrong}), ("place", blast, "")
     if kind == "copy":
-        tables = {e.name: e.records for e in every}
+        tables = project.survey.recordings
         source, copied = every[0].name, every[1].name
-        return project.changed(records=tables | {copied: tables[source]}), (
+        return _with(project, tables | {copied: tables[source]}), (
             "copy", copied, "give the records",
         )  # fmt: skip
     return project, None
+
+
+def _with(project, tables):
+    """Return a project with other recordings."""
+    return replace(project, survey=replace(project.survey, recorded=tables))
 
 
 def row(site, kind, project, folder):
@@ -126,14 +131,14 @@ def row(site, kind, project, folder):
     rng = np.random.default_rng([SEED, crc32(f"{site} {kind}".encode())])
     wrong, asked = spoiled(project, kind, rng)
     began = time.process_time()
-    forwards = []
+    simulations = []
 
     def simulate(case):
-        forwards.append(Forward(case, folder))
-        return forwards[-1]
+        simulations.append(simulation_of(case, folder))
+        return simulations[-1]
 
     found, _ = mistakes_of(wrong, simulate)
-    new = sum(each.runs - each.cached for each in forwards)
+    new = sum(each.runs - each.cached for each in simulations)
     rows = [one.row() for one in found]
     right = not found if asked is None else bool(found) and is_right(rows[0], asked)
     told = None if asked is None else [sorted(a) if isinstance(a, set) else a for a in asked]

@@ -56,7 +56,7 @@ def row(site, folder):
     share = 100.0 * np.sum(effect[at] ** 2) / np.sum(recorded[at] ** 2)
     alarms = _largest(scores, drawn)
     result = {
-        "effect": label, "members": len(scores.members), "runs": scene.forward.runs,
+        "effect": label, "members": len(scores.members), "runs": scene.simulation.runs,
         "thresholds": {k: round(v, 1) for k, v in scores.thresholds.items()},
         "null_draws": {"alarms": float(np.mean(alarms > scores.threshold)),
                        "largest": round(float(alarms.max()), 1)},
@@ -167,7 +167,7 @@ def _nuisances(scene, truth):
         for joint, (kn, ks) in zip(project.joints, truth["joint_factors_kn_ks"], strict=False)
     ]  # fmt: skip
     changed = project.changed(materials={**project.materials, **mats}, joints=joints)
-    change = scene.forward.motion(changed) - (baseline.reference - baseline.correction)
+    change = scene.simulation.motion(changed) - (baseline.reference - baseline.correction)
     motion = baseline.reference + change
     for r, name in enumerate(case.receivers):
         number = int(name[1:]) - 1

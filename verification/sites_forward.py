@@ -77,7 +77,7 @@ def misfits(run, project, file):
             continue
         data = np.column_stack([traces[axis].data.astype(float) for axis in "ENZ"])
         record = Seismogram(data, traces["E"].stats.delta, -BEFORE)
-        wanted = record.filtered_like(project.low_pass).velocity.T
+        wanted = record.filtered_like(project.shot.low_pass).velocity.T
         times = traces["E"].stats.delta * np.arange(wanted.shape[1]) - BEFORE
         own = simulated.start - lead + simulated.dt * np.arange(len(simulated.velocity))
         within = times <= own[-1]

@@ -9,7 +9,7 @@ from scipy import signal
 from pyblast.diagnosis.calibration import calibrate
 from pyblast.diagnosis.effects import Scene
 from pyblast.diagnosis.fitting import fit, fit_partly
-from pyblast.diagnosis.forward import Forward
+from pyblast.diagnosis.forward import hole_motion, simulation_of
 from pyblast.diagnosis.hypotheses import LIBRARY, blast_and_hole
 from pyblast.diagnosis.search import starting_effects
 
@@ -30,11 +30,11 @@ def right(store: Path, name: str, truth: dict) -> dict:
     """
     case = case_in(store, name)
     runs = store / "runs" / name
-    forward = Forward(case, runs)
-    baseline = calibrate(forward, Forward(case, runs, fine=True))
+    simulation = simulation_of(case, runs)
+    baseline = calibrate(case, simulation, simulation_of(case, runs, finer=True))
     motion = motion_of(store, name, truth)
     found = {"length": length(case, baseline, motion), "predicted": None}
-    scene = Scene(forward, baseline, forward.hole_motion(baseline.project))
+    scene = Scene(simulation, baseline, hole_motion(simulation, case, baseline.project))
     effects = [_best_start(scene, one) for one in truth["effects"]]
     if all(one is not None for one in effects):
         on_site = any(one.hypothesis.on == "site" for one in effects)

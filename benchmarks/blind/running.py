@@ -15,7 +15,7 @@ from pyblast.diagnosis.effects import (
     predict,
     with_motion_effects,
 )
-from pyblast.diagnosis.forward import Forward
+from pyblast.diagnosis.forward import simulation_of
 from pyblast.diagnosis.hypotheses import blast_and_hole
 from pyblast.model.model import Receiver
 from pyblast.project.project import Project, load_project, with_further
@@ -72,12 +72,17 @@ def predictions(case, asked, values, effects, folder) -> dict:
     further = predict(case, blast, values, effects, folder)
     there = case.project.changed(receivers=(Receiver(HIDDEN, place),))
     project = diagnosed(there, values, effects)
-    forward = Forward(replace(case, project=there, receivers=(HIDDEN,)), folder, fine=True)
+    hidden_case = replace(case, project=there, receivers=(HIDDEN,))
+    simulation = simulation_of(hidden_case, folder, finer=True)
     changed = [_fired(project, name, effects) for name in case.blasts]
-    heard = forward.simulate([(one, b) for (one, _), b in zip(changed, case.blasts, strict=True)])
-    hidden = np.stack([delayed(v, -lead) for v, (_, lead) in zip(heard, changed, strict=True)])
+    hidden = np.stack([
+        delayed(simulation.motion(one, [name])[0], -lead)
+        for (one, lead), name in zip(changed, case.blasts, strict=True)
+    ])  # fmt: skip
     everywhere = [effect for effect in effects if effect.target not in case.receivers]
-    hidden = with_motion_effects(PredictionScene(forward, project), hidden, everywhere)
+    hidden = with_motion_effects(
+        PredictionScene(simulation, hidden_case, project), hidden, everywhere
+    )
     return {
         "blasts": list(case.blasts), "receivers": list(case.receivers),
         "blast": _short(further), "receiver": _short(hidden[:, 0]),

@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pyblast.blasts.blast import Blast, Firing
+from pyblast.blasts.blast import Blast
 from pyblast.config.config import check_config
 from pyblast.mesh.mesh import Mesh
 from pyblast.model.boundary import Viscous
@@ -12,8 +12,9 @@ from pyblast.model.joint import Joint
 from pyblast.model.material import Damping, Material
 from pyblast.model.model import Model, Receiver, SpongeLayer
 from pyblast.model.source import Hole, TimeFunction
-from pyblast.project.inputs import Inside
 from pyblast.project.project import Project, make_project
+from pyblast.sources.inside import Inside
+from pyblast.survey import Survey
 
 from .flat_models import OUTER, Discretization, FlatBox, Plane, flat_mesh
 
@@ -135,18 +136,16 @@ def tables_of(site: Site, title, **edges) -> dict:
 
 def project_of(site: Site) -> Project:
     """Return a site as the project of its first blast, with the further ones; without records."""
-    inside = Inside(Firing(np.zeros(1), np.ones(1)), site.moment_rate, (), (), (), None)
-    given = {"inside": inside, "receivers": site.receivers, "records": {}}
-    config = check_config(tables_of(site, "drawn", edge_m=10.0))
+    project = make_project(check_config(tables_of(site, "drawn", edge_m=10.0)), "drawn.toml")
     ground = {
         "materials": {name: material for name, _, material in site.layers},
         "joints": tuple(j.joint for j in site.joints), "fields": site.ground,
     }  # fmt: skip
-    first, *further = (
-        replace(make_project(config, "drawn.toml", {**given, "blast": blast}), name=name, **ground)
+    shots = [
+        replace(project.shots[0], name=name, fired=blast, held=Inside(site.moment_rate))
         for name, blast in site.blasts.items()
-    )
-    return replace(first, further=tuple(further)).changed(blasts=site.blasts)
+    ]
+    return replace(project, survey=Survey(tuple(shots), site.receivers, {}), **ground)
 
 
 def draw_site(rng, poor=False) -> Site:

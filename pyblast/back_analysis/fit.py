@@ -1,11 +1,10 @@
 """Fit of waveforms: Gauss-Newton over what is looked for and what is held, one run a step."""
 
 import time
-from collections.abc import Callable, Sequence
-from concurrent.futures import Executor
-from dataclasses import dataclass, field, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from itertools import combinations
-from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -16,11 +15,10 @@ from ..inference.error_model import NORMAL_95, ErrorModel, Levels, Posterior
 from ..inference.nuisances import Linearised, nuisances_of
 from ..inference.parameter import SPEED, STIFFNESS
 from ..inference.records import Records, band_functions
-from ..model.model import Model
 from ..project.places import on_ground
 from ..project.project import Project
-from ..runs.parallel import is_single, run_all
 from ..simulation.recipe import BETTER
+from ..simulation.simulation import Simulation
 from ..solver.preparation import LEDGER_EVERY, prepare
 from .parameters import (
     DENSITY,
@@ -29,7 +27,7 @@ from .parameters import (
     held_properties,
     sought_properties,
 )
-from .waveforms import Window, remaining, sampled_motion
+from .waveforms import Waveforms, remaining
 
 ALL_LEVELS = Levels(
     scatter=(3e-5, 1e-4, 3e-4, 1e-3, 3e-3, 1e-2, 3e-2, 1e-1, 3e-1),
@@ -58,172 +56,29 @@ LACK = 0.01  # of the energy: more model error than this means that the model la
 WORK_OF_BETTER = 3.5  # of a run on the better mesh, over one on the working mesh
 
 
-@dataclass(eq=False)
-class Runs:
-    """Runs of all blasts of a fit on the mesh of its band; none is repeated.
-
-    Parameters
-    ----------
-    blasts : tuple of Project
-        On the mesh of `on_mesh_of_band`.
-    records : Records
-    window : Window
-    limit : int
-        Evaluations at most; each is one run of every blast.
-    folder : path, optional
-        Of stored runs.
-    executor : Executor, optional
-        As of `run_all`.
-    report : callable, optional
-        Gets each row of the log.
-    """
-
-    blasts: tuple[Project, ...]
-    records: Records
-    window: Window
-    limit: int
-    folder: str | Path | None = None
-    executor: Executor | None = None
-    report: Callable[[dict], None] = lambda _: None
-    count: int = 0
-    seconds: float = 0.0
-    slopes: np.ndarray = field(default_factory=lambda: np.zeros(0))  # by east and north, 1/s
-
-    def motions(self, jobs: Sequence["Job"]) -> list[np.ndarray]:
-        """Run jobs side by side; return motion (n_blasts, n_receivers, 3, n_samples) of each.
-
-        Raises
-        ------
-        InputError
-            If more evaluations are asked for than the limit.
-        SolverError
-            If a run fails.
-        """
-        if self.count + len(jobs) > self.limit:
-            raise Spent
-        if not jobs:
-            return []
-        varied = [[job.project(blast) for blast in self.blasts] for job in jobs]
-        models = [
-            self._model(each, job.probes)
-            for job, row in zip(jobs, varied, strict=True)
-            for each in row
-        ]
-        duration = max(each.duration for row in varied for each in row)
-        done = run_all(models, duration, folder=self.folder, executor=self.executor)
-        answers = []
-        for n, (job, row) in enumerate(zip(jobs, varied, strict=True)):
-            runs = done[n * len(row) : (n + 1) * len(row)]
-            seconds = sum(run.wall_seconds for run in runs)
-            late = [each.simulated(run.seismograms) for each, run in zip(row, runs, strict=True)]
-            motion = sampled_motion(late, self.records.receivers, self.window)
-            if job.probes:
-                self.slopes = self._of_probes(late)
-            self.count, self.seconds = self.count + 1, self.seconds + seconds
-            self.report(
-                {
-                    "number": self.count,
-                    "purpose": job.purpose,
-                    "coordinates": job.coordinates,
-                    "misfit": remaining(self.records, motion),
-                    "wall_seconds": seconds,
-                    "stored": all(run.from_cache for run in runs),
-                }
-            )
-            answers.append(motion)
-        return answers
-
-    def _model(self, project, probes) -> Model:
-        """Return the model of a blast, with probes beside its receivers if wanted."""
-        model = project.model
-        if probes:
-            model = replace(model, receivers=(*model.receivers, *self._probes(project, model)))
-        return replace(model, single=is_single(model))
-
-    def _probes(self, project, model):
-        """Return receivers to the west, east, south and north of those with records."""
-        step = self._step()
-        for receiver in model.receivers:
-            if receiver.name not in self.records.receivers:
-                continue
-            at = np.asarray(receiver.position, dtype=float)
-            for name, aside in zip(
-                "wesn", step * np.array([[-1, 0], [1, 0], [0, -1], [0, 1]]), strict=True
-            ):
-                position = _beside(project.mesh, at, aside)
-                yield replace(receiver, name=f"{receiver.name} {name}", position=position)
-
-    def _step(self):
-        """Return how far probes stand beside their receivers, m."""
-        slowest = min(rock.cs for rock in self.blasts[0].materials.values())
-        return PROBE * slowest / self.window.band[1]
-
-    def _of_probes(self, late):
-        """Return the slopes of the motion from that of the probes."""
-        names = self.records.receivers
-        sides = {
-            side: sampled_motion(late, [f"{name} {side}" for name in names], self.window)
-            for side in "wesn"
-        }
-        step = 2.0 * self._step()
-        return np.array([(sides["e"] - sides["w"]) / step, (sides["n"] - sides["s"]) / step])
-
-
 class Spent(Exception):
     """All runs that were allowed are done."""
 
 
-def _beside(mesh, at, aside):
-    """Return a position beside another, as deep below the surface."""
-    moved = np.add(at, (*aside, 0.0))
-    if "top" in mesh.surfaces:
-        try:
-            depth = on_ground(mesh, tuple(at[:2]))[2] - at[2]
-            moved[2] = on_ground(mesh, tuple(moved[:2]))[2] - depth
-        except InputError:  # beyond the edge: no slope to that side
-            return tuple(at.tolist())
-    return tuple(moved.tolist())
-
-
-@dataclass(frozen=True, eq=False)
-class Job:
-    """One evaluation: coordinates of properties, accuracy of the mesh, probes beside receivers.
-
-    Parameters
-    ----------
-    purpose : str
-    properties : tuple of n Property
-    at : (n,) float64
-        Coordinates.
-    better : bool
-        Whether it runs on the better mesh.
-    probes : bool
-    """
+class _Trial(NamedTuple):
+    """Trial: coordinates of all properties, accuracy of the mesh, probes beside receivers."""
 
     purpose: str
-    properties: tuple[Property, ...]
     at: np.ndarray
     better: bool = False
     probes: bool = False
 
-    @property
-    def coordinates(self) -> dict[str, float]:
-        """Coordinates other than zero, by name."""
-        return {p.name: float(x) for p, x in zip(self.properties, self.at, strict=True) if x}
 
-    def project(self, blast: Project) -> Project:
-        """Return a blast with these coordinates."""
-        pairs = list(zip(self.properties, self.at, strict=True))
-        for each, x in pairs:  # `vary` starts from the file, so what is held comes after
-            if each.parameter is not None:
-                blast = each.change(blast, float(x))
-        for each, x in pairs:
-            if each.parameter is None and each.kind != DENSITY and x:
-                blast = each.change(blast, float(x))
-        if self.better:
-            mesh = blast.refined(BETTER)
-            blast = blast if mesh is None else blast.changed(mesh=mesh)
-        return blast
+def at_coordinates(blast: Project, properties: Sequence[Property], x) -> Project:
+    """Return a blast at coordinates (n,) of its properties."""
+    pairs = list(zip(properties, x, strict=True))
+    for each, value in pairs:  # `vary` starts from the file, so what is held comes after
+        if each.parameter is not None:
+            blast = each.change(blast, float(value))
+    for each, value in pairs:
+        if each.parameter is None and each.kind != DENSITY and value:
+            blast = each.change(blast, float(value))
+    return blast
 
 
 def on_mesh_of_band(blasts: Sequence[Project], highest: float) -> tuple[Project, ...]:
@@ -235,21 +90,6 @@ def on_mesh_of_band(blasts: Sequence[Project], highest: float) -> tuple[Project,
         blast = replace(blast, meshes=blasts[0].meshes, span=span)
         meshed.append(blast.changed(mesh=blast.for_band(highest)))
     return tuple(meshed)
-
-
-def seconds_of_run(runs: Runs) -> float:
-    """Return the estimated seconds of one evaluation, from the first steps of the blasts."""
-    total = 0.0
-    for blast in runs.blasts:
-        began = time.perf_counter()
-        model = blast.model
-        prepared = prepare(replace(model, single=is_single(model)), blast.duration)
-        views, state = prepared.begun()
-        ready = time.perf_counter()
-        core.advance(views, state, 0, LEDGER_EVERY, LEDGER_EVERY)
-        step = (time.perf_counter() - ready) / LEDGER_EVERY
-        total += ready - began + step * prepared.n_steps
-    return total
 
 
 @dataclass(eq=False)
@@ -402,22 +242,39 @@ def _bounds(properties):
 
 
 class Fitter:
-    """Gauss-Newton search of the waveforms of a survey.
+    """Gauss-Newton search of the waveforms of a survey; no run is repeated.
 
     Parameters
     ----------
-    runs : Runs
+    blasts : tuple of Project
+        On the mesh of `on_mesh_of_band`.
+    waves : Waveforms
     parameters : sequence of Parameter
+    limit : int
+        Evaluations at most; each is one run of every blast.
+    folder : path, optional
+        Of stored runs.
+    executor : Executor, optional
+        As of `run_all`.
     progress : callable, optional
         Called with ("trials", done, expected).
+    report : callable, optional
+        Gets each row of the log.
     written : callable, optional
         Gets the `Fit` after every step.
     """
 
-    def __init__(self, runs: Runs, parameters, progress=None, written=None):
-        self.runs, self.written = runs, written or (lambda _: None)
+    def __init__(self, blasts: tuple[Project, ...], waves: Waveforms, parameters, limit: int,
+                 folder=None, executor=None, progress=None, report=None, written=None):  # fmt: skip
+        self.blasts, self.records, self.limit = blasts, waves.records, limit
+        self.simulation = Simulation(
+            tuple(blast.path.name for blast in blasts), self.records.receivers, waves.window.dt,
+            waves.window.n_samples, max(blast.duration for blast in blasts), folder, executor,
+            injected=True,
+        )  # fmt: skip
+        self.report, self.written = report or (lambda _: None), written or (lambda _: None)
         self.progress = progress or (lambda *_: None)
-        first = runs.blasts[0]
+        first = blasts[0]
         everything = (*sought_properties(first, parameters), *held_properties(first, parameters))
         self.properties, self.priors = everything, first.config.priors
         self.left_out: dict[str, str] = {}
@@ -431,7 +288,9 @@ class Fitter:
         if not self.has_better:
             self.left_out["the error of the mesh"] = "a mesh that is given is not made finer"
         self.trace: list[dict] = []
-        self.starts = 0
+        self.count = self.starts = 0
+        self.seconds = 0.0
+        self.aside = np.zeros(0)  # slopes of the motion by east and north, 1/s
 
     @property
     def expected(self) -> int:
@@ -458,41 +317,112 @@ class Fitter:
             If a run fails.
         """
         needed = self.expected - EXPECTED_STEPS
-        if self.runs.limit < needed:
+        if self.limit < needed:
             raise InputError(
                 f"back_analysis.runs: must be at least {needed} for the derivatives by what is "
-                f"looked for and held, got {self.runs.limit}"
+                f"looked for and held, got {self.limit}"
             )
         start = self._first(np.zeros(len(self.properties)))
-        low, high = self.runs.window.band
-        first = self._descend(_copied(start), self.runs.records)
+        low, high = self.records.band.low, self.records.band.high
+        first = self._descend(_copied(start), self.records)
         if first.converged and first.remaining < HALF:
             return first
         try:
-            lower = _in_band(self.runs.records, (low, low + (high - low) / 3.0))
+            lower = _in_band(self.records, (low, low + (high - low) / 3.0))
             second = self._descend(_copied(start), lower)
             state = _State(second.x, self.last.motion, self.last.slopes)
-            second = self._descend(state, self.runs.records)
+            second = self._descend(state, self.records)
         except (Spent, InputError):  # a band too narrow for the window
             return replace(first, starts=self.starts)
         better = second.posterior.log_evidence > first.posterior.log_evidence
         return replace(second if better else first, starts=self.starts)
 
-    def _run(self, jobs):
-        """Run jobs and report the progress."""
-        motions = self.runs.motions(jobs)
-        self.progress("trials", self.runs.count, max(self.expected, self.runs.count))
-        return motions
+    def seconds_of_run(self) -> float:
+        """Return the estimated seconds of one evaluation, from the first steps of the blasts."""
+        total = 0.0
+        for blast in self.blasts:
+            began = time.perf_counter()
+            prepared = prepare(self.simulation.model(blast), blast.duration)
+            views, state = prepared.begun()
+            ready = time.perf_counter()
+            core.advance(views, state, 0, LEDGER_EVERY, LEDGER_EVERY)
+            step = (time.perf_counter() - ready) / LEDGER_EVERY
+            total += ready - began + step * prepared.n_steps
+        return total
 
-    def _job(self, purpose, x, **how):
-        """Return a job at coordinates."""
-        return Job(purpose, self.properties, np.asarray(x, dtype=float), **how)
+    def _run(self, trials: Sequence[_Trial]) -> list[np.ndarray]:
+        """Run trials side by side; return motion (n_blasts, n_receivers, 3, n_samples) of each."""
+        if self.count + len(trials) > self.limit:
+            raise Spent
+        if not trials:
+            return []
+        states = [self._state(trial, blast) for trial in trials for blast in self.blasts]
+        probed = [trial.probes for trial in trials for _ in self.blasts]
+        models = map(self._model, states, probed)
+        pairs = list(zip(states, self.simulation.run(list(models)), strict=True))
+        answers, n = [], len(self.blasts)
+        for k, trial in enumerate(trials):
+            done = pairs[k * n : (k + 1) * n]
+            motion = self._sampled(done)
+            if trial.probes:
+                self.aside = self._of_probes(done)
+            seconds = sum(run.wall_seconds for _, run in done)
+            self.count, self.seconds = self.count + 1, self.seconds + seconds
+            named = zip(self.properties, trial.at, strict=True)
+            self.report(
+                {
+                    "number": self.count,
+                    "purpose": trial.purpose,
+                    "coordinates": {each.name: float(x) for each, x in named if x},
+                    "misfit": remaining(self.records, motion),
+                    "wall_seconds": seconds,
+                    "stored": all(run.from_cache for _, run in done),
+                }
+            )
+            answers.append(motion)
+        self.progress("trials", self.count, max(self.expected, self.count))
+        return answers
+
+    def _state(self, trial, blast):
+        """Return a blast at the coordinates of a trial."""
+        return at_coordinates(blast, self.properties, trial.at).suited(trial.better)
+
+    def _model(self, state, probed):
+        """Return the model of a blast, with probes beside its receivers if wanted."""
+        model = self.simulation.model(state)
+        return replace(model, receivers=(*model.receivers, *self._probes(state, probed)))
+
+    def _sampled(self, done, side=""):
+        """Return the motion of the runs of all blasts, of probes to one side if one is given."""
+        names = [f"{name} {side}" if side else name for name in self.records.receivers]
+        sampled = self.simulation.sampled
+        return np.stack([sampled(run.seismograms, each.lead, names) for each, run in done])
+
+    def _probes(self, state, probed):
+        """Yield receivers to the west, east, south and north of those with records, if wanted."""
+        aside = self._apart() * np.array([[-1, 0], [1, 0], [0, -1], [0, 1]])
+        for receiver in state.model.receivers if probed else ():
+            if receiver.name in self.records.receivers:
+                at = np.asarray(receiver.position, dtype=float)
+                for name, step in zip("wesn", aside, strict=True):
+                    position = _beside(state.mesh, at, step)
+                    yield replace(receiver, name=f"{receiver.name} {name}", position=position)
+
+    def _apart(self):
+        """Return how far probes stand beside their receivers, m."""
+        slowest = min(rock.cs for rock in self.blasts[0].materials.values())
+        return PROBE * slowest / self.records.band.high
+
+    def _of_probes(self, done):
+        """Return the slopes of the motion from that of the probes."""
+        west, east, south, north = (self._sampled(done, side) for side in "wesn")
+        return np.array([east - west, north - south]) / (2.0 * self._apart())
 
     def _first(self, x):
         """Return the state at the start: reference, better run, and all derivatives."""
-        jobs = [self._job("reference", x, probes=True)]
-        jobs += [self._job("better mesh", x, better=True)] * self.has_better
-        base, *others = self._run(jobs)
+        trials = [_Trial("reference", x, probes=True)]
+        trials += [_Trial("better mesh", x, better=True)] * self.has_better
+        base, *others = self._run(trials)
         better = others[0] if others else base
         self.correction = better - base
         self.change = np.zeros((len(self.properties), *base.shape))
@@ -500,11 +430,11 @@ class Fitter:
         self._derive(state, base)
         speeds = [n for n, each in enumerate(self.properties) if each.kind == SPEED]
         speeds = speeds if self.has_better else []
-        jobs = [
-            self._job(f"{self.properties[n].name}, better mesh", self._beside(x, n), better=True)
+        trials = [
+            _Trial(f"{self.properties[n].name}, better mesh", self._beside(x, n), better=True)
             for n in speeds
         ]
-        for n, motion in zip(speeds, self._run(jobs), strict=True):
+        for n, motion in zip(speeds, self._run(trials), strict=True):
             step = self._beside(x, n)[n] - x[n]
             self.change[n] = (motion - better) / step - state.slopes[n]
             state.slopes[n] += self.change[n]
@@ -512,7 +442,7 @@ class Fitter:
             if each.kind == GEOMETRY:
                 state.slopes[n] = self._by_geometry(n, x, base)
         state.motion = base + self.correction
-        left_over = remaining(self.runs.records, state.motion)
+        left_over = remaining(self.records, state.motion)
         self.trace.append({"coordinates": x.tolist(), "remaining": left_over})
         return state
 
@@ -526,26 +456,26 @@ class Fitter:
     def _derive(self, state, base):
         """Take the derivatives by all properties that move, around a state with its plain run."""
         moving = np.flatnonzero(self.moves)
-        jobs = [self._job(self.properties[n].name, self._beside(state.x, n)) for n in moving]
-        for n, motion in zip(moving, self._run(jobs), strict=True):
+        trials = [_Trial(self.properties[n].name, self._beside(state.x, n)) for n in moving]
+        for n, motion in zip(moving, self._run(trials), strict=True):
             step = self._beside(state.x, n)[n] - state.x[n]
             state.slopes[n] = (motion - base) / step + self.change[n]
         for n, each in enumerate(self.properties):
             if each.kind == DENSITY:  # exact by scaling: u(rho, k) = u(1, k / rho) / rho
-                inside = self.runs.blasts[0].config.signature is None
+                inside = self.blasts[0].config.signature is None
                 stiff = [m for m, p in enumerate(self.properties) if p.kind == STIFFNESS]
                 state.slopes[n] = -np.sum(state.slopes[stiff], axis=0) - inside * base
 
     def _by_geometry(self, n, x, base):
         """Return the derivative by a property of the geometry; zero where it can't be had."""
         each = self.properties[n]
-        job = self._job(each.name, self._beside(x, n))
+        trial = _Trial(each.name, self._beside(x, n))
         try:
-            for blast in self.runs.blasts:
-                mesh = job.project(blast).mesh
+            for blast in self.blasts:
+                mesh = self._state(trial, blast).mesh
                 if mesh.hexahedral != blast.mesh.hexahedral:
                     raise InputError("its mesh has other elements")
-            motion = self._run([job])[0]
+            motion = self._run([trial])[0]
         except PyblastError as error:
             self.left_out[each.name] = str(error)
             return np.zeros_like(base)
@@ -594,17 +524,17 @@ class Fitter:
 
     def _advance(self, state, move):
         """Run at a step, shortened where much less is explained, and update the derivatives."""
-        before = remaining(self.runs.records, state.motion)
+        before = remaining(self.records, state.motion)
         for _ in range(1 + HALVINGS):
             x = state.x + move
-            plain = self._run([self._job("step", x)])[0]
+            plain = self._run([_Trial("step", x)])[0]
             motion = plain + self.correction + np.tensordot(x, self.change, 1)
             missed = motion - state.motion - np.tensordot(move, state.slopes, 1)
             share = move / self.longest
             if share @ share > LONG**2:  # short ones would only spoil the derivatives
                 update = np.multiply.outer(share / self.longest / (share @ share), missed)
                 state.slopes = state.slopes + update
-            left_over = remaining(self.runs.records, motion)
+            left_over = remaining(self.records, motion)
             if left_over < WORSE[0] * before + WORSE[1]:
                 break
             move = 0.5 * move
@@ -614,18 +544,18 @@ class Fitter:
 
     def _renew(self, state):
         """Take the derivatives anew at a state."""
-        base = self._run([self._job("reference", state.x)])[0]
+        base = self._run([_Trial("reference", state.x)])[0]
         self._derive(state, base)
 
     def _posterior(self, state, records, levels):
         """Return the posterior of all properties, linear around a state."""
-        band, runs = records.band, self.runs
+        band = records.band
         around = Linearised(
-            state.motion, state.slopes, tuple(each.kind for each in self.properties), runs.slopes,
+            state.motion, state.slopes, tuple(each.kind for each in self.properties), self.aside,
             self.correction,
         )  # fmt: skip
         nuisances, lost = nuisances_of(
-            around, runs.blasts, runs.records.receivers, band, self.priors
+            around, self.blasts, self.records.receivers, band, self.priors
         )
         error = ErrorModel(record_blocks(records, state.motion), nuisances, levels)
         slopes = band.project(state.slopes)
@@ -639,19 +569,31 @@ class Fitter:
         """Return the fit at a state."""
         _, size = self._step(state, posterior)
         return Fit(
-            self.runs.blasts,
+            self.blasts,
             self.properties,
             state.x.copy(),
             posterior,
             size < ENOUGH,
             size,
-            remaining(self.runs.records, state.motion),
+            remaining(self.records, state.motion),
             self.starts,
-            self.runs.seconds,
-            self.runs.count,
+            self.seconds,
+            self.count,
             dict(self.left_out),
             tuple(self.trace),
         )
+
+
+def _beside(mesh, at, aside):
+    """Return a position beside another, as deep below the surface."""
+    moved = np.add(at, (*aside, 0.0))
+    if "top" in mesh.surfaces:
+        try:
+            depth = on_ground(mesh, tuple(at[:2]))[2] - at[2]
+            moved[2] = on_ground(mesh, tuple(moved[:2]))[2] - depth
+        except InputError:  # beyond the edge: no slope to that side
+            return tuple(at.tolist())
+    return tuple(moved.tolist())
 
 
 def _copied(state):

@@ -125,7 +125,7 @@ def fitted_blasts(project: Project) -> tuple[tuple[Project, ...], Finding | None
     band, finding = carried_band(blasts, blasts[0].compared_band, sorted(names))
     if finding is None:
         return blasts, None
-    return tuple(blast.having(compared_band=band) for blast in blasts), finding
+    return tuple(blast.compared_in(band) for blast in blasts), finding
 
 
 def chosen_records(blast: Project, project: Project) -> dict[str, Seismogram]:

@@ -15,7 +15,6 @@ from ..inference.global_search import (
 )
 from ..inference.likelihood import MISFITS, SIGNED
 from ..inference.parameter import Parameter, SearchMethod, Trace
-from ..project.inputs import input_band
 from ..project.project import Project
 from ..signals.comparison import Comparison, compare
 from ..signals.seismogram import Seismogram
@@ -245,7 +244,7 @@ def confirm(result: BackAnalysis, projects: Sequence[Project], progress=None) ->
         varied = with_values(project, target.parameters, result.best_point)
         weak = weakest(project, target.parameters, result.best_point)
         run, strength = run_with_slip(
-            varied.model, varied.duration, input_band(varied), weak, progress
+            varied.model, varied.duration, varied.shot.highest_frequency, weak, progress
         )
         simulated = varied.simulated(run.seismograms)
         recorded = target.recorded(project)

@@ -12,12 +12,13 @@ from ..inference.gauss_newton import DIFFERENCE
 from ..inference.nuisances import DESIGN_LEVELS
 from ..inference.parameter import Parameter, Problem, problem_of
 from ..inference.records import band_functions
-from ..project.inputs import NEARLY, input_band
 from ..project.places import on_ground
 from ..project.project import Project
 from ..project.validity import carried_band, validity
 from ..solver.injection import near_receivers
 from ..solver.slip import Slip, run_with_slip
+from ..sources.inside import NEARLY
+from ..survey import Survey
 from ..units import plain_number
 from .fit import on_mesh_of_band
 from .identifiability import (
@@ -68,12 +69,20 @@ class SurveyReceiver:
         Whether it is recorded or planned; else it is a candidate.
     gridded : bool
         Whether it is a point of the candidate grid.
+    standing : bool
+        Whether it stands on the ground, whatever its height.
     """
 
     name: str
     position: tuple[float, float, float]
     in_survey: bool
     gridded: bool = False
+    standing: bool = True
+
+    @property
+    def unplaced(self) -> list[float]:
+        """Position without the height of the ground where it stands there, m."""
+        return list(map(float, self.position[: 2 if self.standing else 3]))
 
 
 def survey_receivers(projects, in_survey, apart) -> list[SurveyReceiver]:
@@ -89,9 +98,10 @@ def survey_receivers(projects, in_survey, apart) -> list[SurveyReceiver]:
         Smallest distance of a grid point from the receivers.
     """
     known = {r.name: r for project in projects[::-1] for r in project.receivers}
+    high = {p.name for each in projects for p in each.config.receivers if len(p.position_m) == 3}
     receivers = [
-        SurveyReceiver(receiver.name, receiver.position, receiver.name in in_survey)
-        for receiver in known.values()
+        SurveyReceiver(name, at.position, name in in_survey, standing=name not in high)
+        for name, at in known.items()
     ]
     receivers.sort(key=lambda receiver: not receiver.in_survey)
     positions = np.array([receiver.position for receiver in receivers])
@@ -171,31 +181,17 @@ def _damped(project, positions):
 
 
 def with_receivers(project: Project, receivers) -> Project:
-    """Return a project with the receivers of a survey; its mesh and own axes stay."""
+    """Return a project with the receivers of a survey, further ones on its ground."""
     own = {receiver.name: receiver for receiver in project.config.receivers}
     configs = [
         own[receiver.name].model_copy(update={"recorded": None})
         if receiver.name in own
-        else ReceiverConfig(name=receiver.name, position_m=[float(x) for x in receiver.position])
+        else ReceiverConfig(name=receiver.name, position_m=receiver.unplaced)
         for receiver in receivers
     ]
     config = project.config.model_copy(update={"receivers": configs})
-    return replace(project, config=config, span=project.reach, given={})
-
-
-def _on_other_mesh(project, other, receivers):
-    """Return a project of another mesh with the receivers of a survey, on its own surface."""
-    own = {receiver.name for receiver in project.config.receivers}
-    moved = [
-        receiver
-        if receiver.name in own
-        else replace(
-            receiver,
-            position=tuple(np.array(on_ground(other.mesh, receiver.position[:2]))),
-        )
-        for receiver in receivers
-    ]
-    return with_receivers(other, moved)
+    shot = replace(project.shots[0], config=config, held=None)
+    return replace(project, config=config, span=project.reach, survey=Survey((shot,)))
 
 
 @dataclass(frozen=True)
@@ -380,7 +376,7 @@ def survey_design_at(
     varied = [with_values(project, parameters, values) for project in everything]
     errors, missing = mesh_errors_of(
         varied, motion, names, window,
-        lambda project, other: _on_other_mesh(project, other, receivers),
+        lambda other: with_receivers(other, receivers),
     )  # fmt: skip
     sensitivities = Sensitivities(
         motion * used, changes * used,
@@ -426,7 +422,7 @@ def survey_design_of(project, progress=None) -> SurveyDesign:
     names = sorted({name for blast in records for name in blast})
     band, less = carried_band([*blasts, *candidates], blasts[0].compared_band, names)
     if less is not None:
-        blasts = tuple(blast.having(compared_band=band) for blast in blasts)
+        blasts = tuple(blast.compared_in(band) for blast in blasts)
     middle = np.full(len(parameters), 0.5)
     plan = survey_design_at(
         blasts, parameters, middle, records=records, candidates=candidates, progress=progress
@@ -515,7 +511,7 @@ def _slip(blasts, parameters, values, report):
         varied = with_values(project, parameters, values)
         weak = weakest(project, parameters, values)
         run, strength = run_with_slip(
-            varied.model, varied.duration, input_band(varied), weak, report
+            varied.model, varied.duration, varied.shot.highest_frequency, weak, report
         )
         ppv = {name: seismogram.ppv for name, seismogram in run.seismograms.items()}
         slips[project.path.name] = Slip(strength, ppv)

@@ -6,10 +6,8 @@ import numpy as np
 
 from ..errors import InputError, PyblastError
 from ..inference.records import Noise, Records, band_functions, check_sampling, gather, noise_of
-from ..project.inputs import input_band
 from ..signals.seismogram import Seismogram
 from ..simulation.recipe import edge_factor
-from .parameters import simulate
 
 SAMPLES_PER_PERIOD = 8.0  # of the highest frequency of the band
 NOISE_PERIODS = 2.0  # shortest noise window, in periods of the highest frequency
@@ -127,7 +125,7 @@ def window_of(projects) -> Window:
     duration = min(project.config.run.duration_s for project in projects)
     band = projects[0].compared_band
     if band is None:
-        band = (1.0 / duration, max(input_band(project) for project in projects))
+        band = (1.0 / duration, max(project.shot.highest_frequency for project in projects))
     low, high = map(float, band)
     if not low < high:
         raise InputError(
@@ -200,7 +198,7 @@ def recorded_noise(projects, records, receivers, window) -> Noise:
 COARSER = 5.0  # error of the coarser mesh over that of the working mesh
 
 
-def mesh_errors_of(projects, motion, receivers, window, prepare=lambda _, other: other):
+def mesh_errors_of(projects, motion, receivers, window, prepare=lambda other: other):
     """Estimate the mesh error of the motion of projects from runs on a coarser mesh.
 
     Parameters
@@ -211,7 +209,7 @@ def mesh_errors_of(projects, motion, receivers, window, prepare=lambda _, other:
     receivers : sequence of str
     window : Window
     prepare : callable, optional
-        ``(project, coarser project) -> project`` that is run, such as one with other receivers.
+        ``(coarser project) -> project`` that is run, such as one with other receivers.
 
     Returns
     -------
@@ -235,7 +233,7 @@ def mesh_errors_of(projects, motion, receivers, window, prepare=lambda _, other:
                 return (), "the mesh error is not estimated: the grid is too small to coarsen"
             if not project.mesh.hexahedral:
                 ratio = edge_factor(COARSER) ** 2.0
-            motions += simulate(prepare(project, other), (), [()])
+            motions.append(prepare(other).simulate().seismograms)
         except PyblastError as error:
             return (), f"the mesh error is not estimated: {error}"
     coarse = sampled_motion(motions, receivers, window)

@@ -172,10 +172,10 @@ def check_command(project: ProjectFile, full: Full = False, verbose: Verbose = F
 @app.command(cls=Finite)
 def mesh(
     project: ProjectFile,
-    out: Annotated[Path, typer.Option(help="Folder for zones.vtu and joints.vtu.")] = Path(),
+    out: Annotated[Path, typer.Option(help="Folder for the files.")] = Path(),
     full: Full = False,
 ):
-    """Build the mesh, count it and write it for ParaView.
+    """Build the mesh, count it and write it for ParaView and as a page that one can turn.
 
     The files hold material, block and the highest frequency carried for every zone.
     """
@@ -185,6 +185,7 @@ def mesh(
 
         console.show_model_summary(write_mesh_files(loaded, out))
         console.say(f"written: {out / 'zones.vtu'}, {out / 'joints.vtu'}")
+        console.say(f"view:    {out / 'view.html'}")
 
 
 @app.command("superpose", cls=Finite)

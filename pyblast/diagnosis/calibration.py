@@ -13,8 +13,8 @@ from ..inference.parameter import Parameter
 from ..model.anisotropy import Anisotropic
 from ..model.material import Material
 from ..project.project import Project
+from ..simulation.simulation import Simulation
 from .case import Case, case_of
-from .forward import Forward
 from .thresholds import WRONG_UNIT
 from .trusted_shots import learned
 
@@ -213,15 +213,19 @@ class Baseline:
 
 
 def calibrate(
-    forward: Forward, fine: Forward | None = None, parameters: tuple[Parameter, ...] | None = None
+    case: Case,
+    simulation: Simulation,
+    finer: Simulation | None = None,
+    parameters: tuple[Parameter, ...] | None = None,
 ) -> Baseline:
     """Fit wave speeds and joint stiffness to the records of a case.
 
     Parameters
     ----------
-    forward : Forward
-    fine : Forward, optional
-        Forward simulation on a finer mesh; it runs the reference alone.
+    case : Case
+    simulation : Simulation
+    finer : Simulation, optional
+        That on a finer mesh; it runs the reference alone.
     parameters : tuple of Parameter, optional
         What is fitted; by default `calibrated_parameters`.
 
@@ -241,21 +245,22 @@ def calibrate(
     Damped Gauss-Newton with Broyden updates on the misfit of the likelihood and the priors.
     Derivatives are differences at the reference, where the mesh correction is computed, too.
     """
-    case = forward.case
     parameters = calibrated_parameters(case.project) if parameters is None else parameters
     sigma = np.array([parameter.sigma for parameter in parameters])
 
     def project(x):
         return with_values(case.project, parameters, sigma * x)
 
-    start, *moved = forward.motions([project(x) for x in [0.0 * sigma, *STEP * np.eye(len(sigma))]])
+    start, *moved = simulation.motions(
+        [project(x) for x in [0.0 * sigma, *STEP * np.eye(len(sigma))]]
+    )
     slopes = (np.array(moved).reshape(len(moved), *start.shape) - start) / STEP
-    reference = start if fine is None else fine.motion(case.project)
+    reference = start if finer is None else finer.motion(case.project)
     correction = reference - start
     likelihood = likelihood_of(case, correction)
     _refuse_another_unit(likelihood, reference)
     problem = LeastSquares(
-        lambda x: forward.motion(project(x)) + correction,
+        lambda x: simulation.motion(project(x)) + correction,
         residual=likelihood.residual,
         whiten=lambda change: -likelihood.whiten(change),
         misfit=likelihood.misfit,
@@ -317,15 +322,15 @@ def _refuse_another_unit(likelihood, reference):
         )
 
 
-def taught(everything: Case, forward_of: Callable[[Case], Forward]) -> Case:
+def taught(everything: Case, simulated: Callable[[Case], Simulation]) -> Case:
     """Return the case of the shots in question, with what the trusted shots tell.
 
     Parameters
     ----------
     everything : Case
         Of all shots; ``diagnosis.trusted`` and ``diagnosis.held_out`` of its project name theirs.
-    forward_of : callable
-        ``(case) -> Forward``.
+    simulated : callable
+        ``(case) -> Simulation``.
 
     Returns
     -------
@@ -357,11 +362,11 @@ def taught(everything: Case, forward_of: Callable[[Case], Forward]) -> Case:
     if not table.trusted:
         return case_of(project, names)
     teacher = case_of(project, table.trusted)
-    motion = forward_of(teacher).motion(project)
+    motion = simulated(teacher).motion(project)
     if table.calibrate:
-        baseline = calibrate(forward_of(learned(teacher, motion, ENERGY_SHARE)))
-        project = baseline.project
-        motion = forward_of(teacher).motion(project)
+        pupil = learned(teacher, motion, ENERGY_SHARE)
+        project = calibrate(pupil, simulated(pupil)).project
+        motion = simulated(teacher).motion(project)
     return like_taught(case_of(project, names), learned(teacher, motion, ENERGY_SHARE))
 
 

@@ -8,9 +8,10 @@ from ..errors import InputError
 from ..inference.records import COMPONENTS, Records, band_functions, gather, noise_of
 from ..model.model import Receiver
 from ..project.places import longest_path, resolved_receivers, survey_positions
-from ..project.project import ENTERS, Project
+from ..project.project import Project
 from ..project.validity import carried_band
 from ..signals.seismogram import GEOGRAPHIC, PASS_BAND
+from ..survey import Survey
 from .thresholds import SHORTEST_RECORD
 
 
@@ -67,12 +68,10 @@ def case_of(project: Project, blasts=None) -> Case:
         )
     project = _gathered(project, limits[1])
     names = tuple(blasts or project.blasts)
-    projects = {each.name: each for each in (project, *project.further)}
     for name in names:
-        if name not in projects:
-            raise InputError(f"case: no blast {name!r}; there are {', '.join(projects)}")
+        project.survey.shot(name)
     names = tuple(sorted(names, key=lambda name: float(np.nansum(project.blasts[name].charge))))
-    records = [projects[name].records for name in names]
+    records = [project.survey.recordings[name] for name in names]
     recorded = set().union(*records)
     receivers = tuple(r.name for r in project.receivers if r.name in recorded)
     if not receivers:
@@ -126,37 +125,33 @@ def _gathered(project, highest):
     axes of its record.
     """
     project = _with_mesh(project, highest)
-    receivers, records, parts = {}, {}, {}
-    for each in map(project.of, project.blasts):
-        records[each.name] = {}
-        entering = {name: getattr(each, name) for name in ENTERS}
-        parts[each.name] = {"blast": each.blast, **entering}
+    receivers, records = {}, {}
+    parts = [part for shot in project.shots for part in shot.config.receivers]
+    standing = {part.name for part in parts if len(part.position_m) == 2}
+    for shot in project.shots:
+        each, records[shot.name] = project.of(shot.name), {}
         for receiver in each.receivers:
             position = tuple(map(float, receiver.position))
-            if (
-                receivers.setdefault(receiver.name, (position, receiver.azimuth, receiver.normal))[
-                    0
-                ]
-                != position
-            ):
+            axes = receiver.azimuth, receiver.normal
+            if receivers.setdefault(receiver.name, (position, *axes))[0] != position:
                 raise InputError(
                     f"{each.path.name}: receivers.{receiver.name}.position_m: differs between the "
                     "blasts"
                 )
             if receiver.name in each.records:
                 record, azimuth = _geographic(each.comparable[receiver.name], receiver.azimuth)
-                records[each.name][receiver.name] = record
+                records[shot.name][receiver.name] = record
                 receivers[receiver.name] = position, azimuth, receiver.normal
-        if not records[each.name]:
+        if not records[shot.name]:
             raise InputError(
                 f"{each.path.name}: receivers: none has a record; add [receivers.recorded]"
             )
-    further = tuple(replace(o, given={**o.given, **parts[o.name]}) for o in project.further)
-    return replace(
-        project, given={**project.given, **parts[project.name]}, further=further
-    ).changed(
-        receivers=[Receiver(name, *rest) for name, rest in receivers.items()], records=records
-    )  # fmt: skip
+    stations = tuple(
+        Receiver(name, at[:2] if name in standing else at, *axes)
+        for name, (at, *axes) in receivers.items()
+    )
+    survey = Survey(project.held_shots, stations, records, project.survey.band)
+    return replace(project, survey=survey)
 
 
 def _with_mesh(project, highest):

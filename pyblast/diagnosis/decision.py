@@ -9,10 +9,10 @@ from scipy.special import logsumexp
 
 from ..errors import contained
 from ..ground.tables import is_anisotropic
+from ..simulation.simulation import Simulation
 from .cross_validation import CrossValidation, cross_validate
 from .effects import Scene
 from .fitting import Fit, corrected, fit
-from .forward import Forward
 from .search import Search, material, worst
 from .thresholds import (
     FAR_OFF,
@@ -70,14 +70,14 @@ class Decision:
     mesh_change: float | None = None
 
 
-def decide(search: Search, fine: Forward | None = None) -> Decision:
+def decide(search: Search, finer: Simulation | None = None) -> Decision:
     """Decide which effects of a search are named.
 
     Parameters
     ----------
     search : Search
-    fine : Forward, optional
-        Forward simulation on a finer mesh, by which the answer is corrected.
+    finer : Simulation, optional
+        That on a finer mesh, by which the answer is corrected.
 
     Returns
     -------
@@ -105,9 +105,9 @@ def decide(search: Search, fine: Forward | None = None) -> Decision:
     untestable = any(effect.hypothesis.untestable(case) for effect in chosen.effects)
     rivals = _rivals(search, chosen, required if untestable else None)
     mesh_change = None
-    if fine is not None:
+    if finer is not None:
         with contained(search.scene.failures, FINER_MESH):
-            chosen, mesh_change = on_finer_mesh(search.scene, fine, chosen, search.progress)
+            chosen, mesh_change = on_finer_mesh(search.scene, finer, chosen, search.progress)
     tested = cross_validate(search.scene, without, chosen)
     likelihood = search.scene.baseline.likelihood
     share = likelihood.explained_share(without.chi_square, chosen.chi_square)
@@ -140,15 +140,15 @@ def more_remains(chi_square, share) -> bool:
 
 
 def on_finer_mesh(
-    scene: Scene, fine: Forward, fit: Fit, progress: Callable = lambda *_: None
+    scene: Scene, finer: Simulation, fit: Fit, progress: Callable = lambda *_: None
 ) -> tuple[Fit, float | None]:
     """Correct a fit for the error of the mesh, by runs of its site on a finer one.
 
     Parameters
     ----------
     scene : Scene
-    fine : Forward
-        Forward simulation on the finer mesh.
+    finer : Simulation
+        That on the finer mesh.
     fit : Fit
         Its effects on the site and calibrated values are run; all holes fire as planned.
     progress : callable, optional
@@ -181,9 +181,9 @@ def on_finer_mesh(
     shift, size = np.zeros_like(simulated), 0.0
     for done, blasts in enumerate(([largest], others)):
         progress("a finer mesh", done, len(shift))
-        finer = fine.simulate([(project, scene.case.blasts[b]) for b in blasts])
-        for b, motion in zip(blasts, finer, strict=True):
-            shift[b] = motion - simulated[b]
+        if blasts:
+            names = [scene.case.blasts[b] for b in blasts]
+            shift[blasts] = finer.motion(project, names) - simulated[blasts]
         size = worst(likelihood.chi_square(likelihood.whiten(shift)))
         if size < MESH_CHANGE:
             return fit, size

@@ -13,11 +13,12 @@ from ..blasts.blast import Blast
 from ..errors import InputError, contained
 from ..ground.tables import quality_of
 from ..project.project import Project
+from ..simulation.simulation import Simulation
 from ..solver.assembly import time_step
 from . import library  # noqa: F401  fills the library
 from .calibration import Baseline, attenuated, calibrated_parameters, with_values
 from .case import Case
-from .forward import Forward, Surroundings, surroundings
+from .forward import Surroundings, holds, simulation_of, surroundings
 from .hypotheses import FAMILIES, LIBRARY, Hypothesis, blast_and_hole, superposed
 from .thresholds import MOST_WORK
 
@@ -71,7 +72,7 @@ class Scene:
 
     Parameters
     ----------
-    forward : Forward
+    simulation : Simulation
     baseline : Baseline
     holes : dict of str to (n_holes, n_receivers, 3, n_samples) float64, m/s
         Motion of each hole with its planned charge, fired at zero, by blast; without blasts whose
@@ -81,7 +82,7 @@ class Scene:
         the name of the part.
     """
 
-    forward: Forward
+    simulation: Simulation
     baseline: Baseline
     holes: dict[str, np.ndarray]
     failures: dict[frozenset | str, str] = field(default_factory=dict)
@@ -101,12 +102,12 @@ class Scene:
     @property
     def case(self) -> Case:
         """The records."""
-        return self.forward.case
+        return self.baseline.case
 
     @cached_property
     def surroundings(self) -> Surroundings:
         """Motion around the receivers in the calibrated ground, by one run of each blast."""
-        return surroundings(self.forward, self.baseline.project)
+        return surroundings(self.simulation, self.case, self.baseline.project)
 
     def contained(self, effects: Sequence[Effect]) -> AbstractContextManager[None]:
         """Enter an error of effects into the failures in place of raising it; raise one of none."""
@@ -123,7 +124,9 @@ class Scene:
         for effect in _acting(effects, "site"):
             if project is not None:
                 project = effect.hypothesis.apply(project, effect.target, **effect.parameters)
-        return project if project is None or self.forward.holds(project) else None
+        if project is None or not holds(self.simulation, self.case.project, project):
+            return None
+        return project
 
     def simulate(self, states, blasts: Sequence[int] | None = None) -> list[np.ndarray | None]:
         """Simulate sites with effects, by runs that are not stored yet.
@@ -170,24 +173,26 @@ class Scene:
         return [] if alone else [key for key in built if self._possible([key], blasts, projects)]
 
     def _build(self, key, blasts, project, controls):
-        """Return models of a state that are not stored, by blast, and the shape of its control.
+        """Return a state by blasts in which it is not stored, and the shape of its control.
 
-        Models of mesh controls that are not stored are added to ``controls``, by shape and blast.
+        Mesh controls that are not stored are added to ``controls``, by shape and blast.
         """
         missing = [b for b in blasts if (key, b) not in self._simulated]
         control = self._mesh_control(key[1])
         shape = control.geometry
-        models = {b: self.forward.model(project, self.case.blasts[b]) for b in missing}
+        states = {b: self.simulation.of(project, self.case.blasts[b]) for b in missing}
         own = {
-            (shape, b): self.forward.model(control, self.case.blasts[b])
+            (shape, b): self.simulation.of(control, self.case.blasts[b])
             for b in missing
             if (shape, b) not in self._corrections and (shape, b) not in controls
         }
-        for alike in (models, own):  # blasts share a ground
-            for model in list(alike.values())[:1]:
-                self._refuse_work(model)
+        for alike in (states, own):
+            for n, state in enumerate(alike.values()):
+                model = self.simulation.model(state)  # raises where it can't be built
+                if n == 0:  # blasts share a ground
+                    self._refuse_work(model)
         controls.update(own)
-        return models, shape
+        return states, shape
 
     def _refuse_work(self, model):
         """Refuse a model whose run takes `MOST_WORK` times that of the reference.
@@ -204,13 +209,14 @@ class Scene:
     @cached_property
     def _work_of_reference(self):
         """Work of a run of the reference."""
-        return _work(self.forward.model(self.case.project, self.case.blasts[0]))
+        reference = self.simulation.of(self.case.project, self.case.blasts[0])
+        return _work(self.simulation.model(reference))
 
     def _run(self, built, controls, projects):
         """Run the states that are not stored, together with their mesh controls."""
-        required = {(key, b): model for key, (own, _) in built.items() for b, model in own.items()}
+        required = {(key, b): state for key, (own, _) in built.items() for b, state in own.items()}
         blasts = [self.case.blasts[b] for _, b in (*required, *controls)]
-        done = self.forward.simulate_models([*required.values(), *controls.values()], blasts)
+        done = self.simulation.simulate([*required.values(), *controls.values()], blasts)
         for mesh, motion in zip(controls, done[len(required) :], strict=True):
             self._corrections[mesh] = self.baseline.reference[mesh[1]] - motion
         for (key, b), motion in zip(required, done[: len(required)], strict=True):
@@ -418,15 +424,17 @@ def predict(
     """
     answer = diagnosed(case.project, values, effects)
     reference, project = (with_blast(each, FURTHER, blast) for each in (case.project, answer))
-    forward = Forward(replace(case, project=reference, blasts=(FURTHER,)), folder, fine=True)
-    scene = PredictionScene(forward, project)
-    return with_motion_effects(scene, forward.motion(project), effects)[0]
+    further = replace(case, project=reference, blasts=(FURTHER,))
+    simulation = simulation_of(further, folder, finer=True)
+    scene = PredictionScene(simulation, further, project)
+    return with_motion_effects(scene, simulation.motion(project), effects)[0]
 
 
 def with_blast(project: Project, name: str, blast: Blast) -> Project:
     """Return a project with a single blast in place of its own."""
-    parts = {key: part for key, part in project.given.items() if key != "records"}
-    return replace(project, name=name, further=(), given=parts).firing_as(blast)
+    shot = replace(project.held_shots[0], name=name, fired=blast)
+    survey = replace(project.survey, shots=(shot,), recorded={})
+    return replace(project, survey=survey)
 
 
 @dataclass(eq=False)
@@ -435,23 +443,21 @@ class PredictionScene:
 
     Parameters
     ----------
-    forward : Forward
+    simulation : Simulation
+    case : Case
+        The receivers and the further blast, in the reference ground of the fitted effects.
     project : Project
         As diagnosed, with the further blast.
     """
 
-    forward: Forward
+    simulation: Simulation
+    case: Case
     project: Project
-
-    @property
-    def case(self) -> Case:
-        """The receivers and the further blast, in the reference ground of the fitted effects."""
-        return self.forward.case
 
     @cached_property
     def surroundings(self) -> Surroundings:
         """Motion around the receivers."""
-        return surroundings(self.forward, self.project)
+        return surroundings(self.simulation, self.case, self.project)
 
 
 def effects_of(table: Mapping) -> tuple[Effect, ...]:

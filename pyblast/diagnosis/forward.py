@@ -1,222 +1,103 @@
 """Forward simulation of a case: motion at and around its receivers, and what it supports."""
 
-from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from scipy.interpolate import make_interp_spline
 
-from ..blasts.blast import Firing
 from ..core import JOINT_LAWS, ZONE_LAWS
 from ..errors import InputError
 from ..mesh.mesh import locate_in_zones
-from ..model.model import Model, Receiver
-from ..project.inputs import make_input
-from ..project.places import on_ground, placed_again, refuse_outside
+from ..model.model import Receiver
+from ..project.places import on_ground, refuse_outside
 from ..project.project import Project
-from ..runs.greens import PointSource, greens_functions
-from ..runs.parallel import CachedRun, is_single, run_all
-from ..signals.seismogram import Seismogram
-from ..simulation.recipe import BETTER, with_laws
+from ..simulation.simulation import Simulation
 from .case import Case
 from .trusted_shots import with_source
 
 
-@dataclass(eq=False)
-class Forward:
-    """Forward simulation of the blasts of a case; counts its runs.
-
-    A project may differ from that of the case in anything, its geometry included (see
-    `Project.changed`): each geometry is meshed once, and all blasts share the mesh.
+def simulation_of(
+    case: Case, folder=None, executor: Executor | None = None, *, finer: bool = False
+) -> Simulation:
+    """Return the simulation of the blasts of a case at the instants of its records.
 
     Parameters
     ----------
     case : Case
-    folder : path, optional
-        Folder of stored runs.
-    executor : Executor, optional
-        As for `run_all`.
-    fine : bool
-        Whether to run on finer meshes than those of the projects.
-    runs, cached : int
-        Number of runs, and number of those that were in the folder already.
-    cached_s : float, s
-        Time that the latter took when they were run.
+    folder, executor, finer
+        As of `Simulation`.
     """
+    lead = max(case.project.of(blast).lead for blast in case.blasts)
+    return Simulation(
+        case.blasts, case.receivers, case.dt, case.n_samples, case.duration + lead, folder,
+        executor, finer, received=partial(with_source, case),
+    )  # fmt: skip
 
-    case: Case
-    folder: str | None = None
-    executor: Executor | None = None
-    fine: bool = False
-    runs: int = 0
-    cached: int = 0
-    cached_s: float = 0.0
-    _known: set = field(default_factory=set, repr=False)
 
-    def motion(self, project: Project) -> np.ndarray:
-        """Simulate all blasts of a project, (n_blasts, n_receivers, 3, n_samples) in m/s."""
-        return self.motions([project])[0]
+def hole_motion(simulation: Simulation, case: Case, project: Project) -> dict[str, np.ndarray]:
+    """Simulate each hole of a project with its planned charge, fired at zero, by blast.
 
-    def motions(self, projects: Sequence[Project]) -> np.ndarray:
-        """Simulate all blasts of n projects, (n, n_blasts, n_receivers, 3, n_samples) in m/s."""
-        motion = np.stack(
-            self.simulate([(project, blast) for project in projects for blast in self.case.blasts])
+    By one run for each hole, or three for each receiver (reciprocity) if these are fewer; by
+    one for each blast whose motion enters through a face. Empty where holes do not superpose,
+    see `not_superposed`.
+
+    Returns
+    -------
+    dict of str to (n_holes, n_receivers, 3, n_samples) float64, m/s
+    """
+    if not_superposed(case):
+        return {}
+    if project.config.signature is not None:
+        return {name: _through_face(simulation, project, name) for name in case.blasts}
+    fired = simulation.by_source([simulation.of(project, name) for name in case.blasts])
+    motion = {}
+    for name, each in zip(case.blasts, fired, strict=True):
+        charge = project.blasts[name].charge
+        motion[name] = np.zeros((len(charge), *each.shape[1:]))
+        motion[name][charge > 0.0] = each
+    return motion
+
+
+def _through_face(simulation, project, name):
+    """Return the motion of each hole of a blast that enters through a face, by one run."""
+    fired = simulation.of(project, name)
+    if fired.config.input.decay_exponent is not None:
+        raise InputError(
+            f"{fired.path.name}: input.decay_exponent: a diagnosis needs the motion of each "
+            "hole, which is alike on the whole face or comes from holes_inside; leave it out"
         )
-        return motion.reshape(len(projects), -1, *motion.shape[1:])
+    single = replace(fired, survey=replace(fired.survey, shots=(replace(fired.shot, alone=True),)))
+    run = simulation.run([simulation.model(single)])[0]
+    motion = simulation.sampled(run.seismograms, single.lead)
+    return np.multiply.outer(fired.firing.scales, motion)
 
-    def simulate(self, pairs: Sequence[tuple[Project, str]]) -> list[np.ndarray]:
-        """Simulate pairs of project and blast.
 
-        Returns
-        -------
-        list of (n_receivers, 3, n_samples) float64, m/s
-            At the instants of the records.
-
-        Raises
-        ------
-        SolverError
-            If a run fails.
-        """
-        models = [self.model(project, blast) for project, blast in pairs]
-        return self.simulate_models(models, [blast for _, blast in pairs])
-
-    def simulate_models(self, models: Sequence[Model], blasts: Sequence[str]) -> list[np.ndarray]:
-        """Simulate models of blasts, as `simulate` does with its pairs."""
-        return [
-            with_source(self.case, blast, self._sampled(run.seismograms, self.lead(blast)))
-            for run, blast in zip(self.run(models), blasts, strict=True)
-        ]
-
-    def run(self, models: Sequence[Model]) -> list[CachedRun]:
-        """Run models, or read their stored runs, and count them."""
-        duration = self.case.duration + max(map(self.lead, self.case.blasts))
-        done = run_all(models, duration, folder=self.folder, executor=self.executor)
-        self.runs += len(done)
-        for run in done:
-            key = run.provenance["input_sha256"], *run.seismograms
-            if run.from_cache and key not in self._known:
-                self.cached, self.cached_s = self.cached + 1, self.cached_s + run.wall_seconds
-            self._known.add(key)
-        return done
-
-    def lead(self, blast: str) -> float:
-        """Return the time in s from the start of a run to the first firing of a blast."""
-        return self.case.project.of(blast).lead
-
-    def hole_motion(self, project: Project) -> dict[str, np.ndarray]:
-        """Simulate each hole with its planned charge, fired at zero, by blast.
-
-        By one run for each hole, or three for each receiver (reciprocity) if these are fewer; by
-        one for each blast whose motion enters through a face. Empty where holes do not superpose,
-        see `not_superposed`.
-
-        Returns
-        -------
-        dict of str to (n_holes, n_receivers, 3, n_samples) float64, m/s
-        """
-        if not_superposed(self.case):
-            return {}
-        if project.config.signature is not None:
-            return {name: self._through_face(project, name) for name in self.case.blasts}
-        models = [self.model(project, blast) for blast in self.case.blasts]
-        leads = [self.lead(blast) for blast in self.case.blasts]
-        sources = [s for model in models for s in model.sources if isinstance(s, PointSource)]
-        bank = greens_functions(
-            replace(models[0], sources=sources),
-            self.case.duration + max(leads),
-            folder=self.folder,
-            executor=self.executor,
-        )
-        self.runs += bank.runs
-        motion = {}
-        for blast, model, lead in zip(self.case.blasts, models, leads, strict=True):
-            early = [replace(s, time=lead) for s in model.sources if isinstance(s, PointSource)]
-            fired = np.stack([self._sampled(bank.blast([source]), lead) for source in early])
-            charge = project.blasts[blast].charge
-            motion[blast] = np.zeros((len(charge), *fired.shape[1:]))
-            motion[blast][charge > 0.0] = fired
-        return motion
-
-    def _through_face(self, project, blast):
-        """Return the motion of each hole of a blast that enters through a face, by one run."""
-        fired = self.case.project.of(blast)
-        if fired.config.input.decay_exponent is not None:
-            raise InputError(
-                f"{fired.path.name}: input.decay_exponent: a diagnosis needs the motion of each "
-                "hole, which is alike on the whole face or comes from holes_inside; leave it out"
-            )
-        signal = make_input(
-            fired.signature, Firing(np.zeros(1), np.ones(1)), fired.config.input.low_pass_hz
-        )
-        single = replace(fired, given={**fired.given, "input": signal})
-        run = self.run([self._own(project, blast, input=signal)])[0]
-        motion = self._sampled(run.seismograms, single.lead)
-        return np.multiply.outer(fired.firing.scales, motion)
-
-    def model(self, project: Project, blast: str) -> Model:
-        """Return the model of one blast of a project; blasts of one geometry share a mesh.
-
-        Raises
-        ------
-        InputError
-            If its ground can't be meshed, or a source or receiver lies outside of it.
-        """
-        return self._own(project, blast)
-
-    def holds(self, project: Project) -> bool:
-        """Tell whether the ground of a project can be meshed and holds all its holes."""
-        reference = self.case.project
-        changed = project.geometry != reference.geometry
-        moved = project.config.holes_inside is not None and any(
-            not np.array_equal(project.blasts[name].centres, reference.blasts[name].centres)
-            for name in self.case.blasts
-        )
-        if not (changed or moved):
-            return True
-        try:
-            for blast in self.case.blasts:
-                centres = enumerate(project.blasts[blast].centres)
-                inside = {} if project.config.holes_inside is None else dict(centres)
-                refuse_outside(self._suited(project).of(blast).mesh, inside)
-        except InputError:
-            return False
+def holds(simulation: Simulation, reference: Project, project: Project) -> bool:
+    """Tell whether the ground of a project can be meshed and holds all its holes."""
+    changed = project.geometry != reference.geometry
+    moved = project.config.holes_inside is not None and any(
+        not np.array_equal(project.blasts[name].centres, reference.blasts[name].centres)
+        for name in simulation.shots
+    )
+    if not (changed or moved):
         return True
-
-    def _own(self, project, blast, **given):
-        """Return the model of one blast in the mesh of its project, with other parts of it."""
-        project = self._suited(project)
-        own = project.of(blast)
-        parts = own.given | given
-        if "receivers" in parts and project.geometry != self.case.project.geometry:
-            every = (project, *project.further)
-            described = [part for each in every for part in each.config.receivers]
-            parts["receivers"] = placed_again(own.receivers, described, own.mesh)
-        model = replace(own, given=parts).model
-        # As stored responses of holes, so that all motion of a case is of one kind.
-        return replace(model, single=is_single(model), injected=False)
-
-    def _suited(self, project):
-        """Return a project with zones that its ground allows, and finer ones if that is wanted."""
-        mesh = project.config.mesh
-        suited = with_laws(mesh, project.materials)
-        if suited is not mesh:
-            project = project.changed(mesh=suited)
-        return project.changed(mesh=project.refined(BETTER)) if self.fine else project
-
-    def _sampled(self, seismograms: Mapping[str, Seismogram], lead: float = 0.0) -> np.ndarray:
-        """Return seismograms (n_receivers, 3, n_samples) at the instants of the records."""
-        dt, n = self.case.dt, self.case.n_samples
-        return np.stack(
-            [seismograms[name].sampled(lead, dt, n).velocity.T for name in self.case.receivers]
-        )
+    try:
+        for name in simulation.shots:
+            centres = enumerate(project.blasts[name].centres)
+            inside = {} if project.config.holes_inside is None else dict(centres)
+            refuse_outside(simulation.of(project, name).mesh, inside)
+    except InputError:
+        return False
+    return True
 
 
 def not_superposed(case: Case) -> str:
     """Return why the motion of a blast is not the sum over its holes; empty where it is."""
     project = case.project
-    for each in (project, *project.further):
-        config = each.config
+    for shot in project.shots:
+        config = shot.config
         if config.blast is None:
             return "there is no [blast] with holes"
         if config.blast.scatter_ms:
@@ -288,7 +169,7 @@ class Surroundings:
         return np.array([np.tensordot(pair, self.motion, ([0, 1], [2, 3])) for pair in pairs])
 
 
-def surroundings(forward: Forward, project: Project) -> Surroundings:
+def surroundings(simulation: Simulation, case: Case, project: Project) -> Surroundings:
     """Simulate every blast of a case at probe receivers around all receivers.
 
     Raises
@@ -296,7 +177,6 @@ def surroundings(forward: Forward, project: Project) -> Surroundings:
     SolverError
         If a run fails.
     """
-    case = forward.case
     offsets, n = probe_offsets(case, project), 2 * STEPS + 1
     receivers = {r.name: r for r in project.receivers}
     probes = tuple(
@@ -304,16 +184,16 @@ def surroundings(forward: Forward, project: Project) -> Surroundings:
         for name in case.receivers
         for k, position in enumerate(probe_positions(case, receivers[name], offsets))
     )
-    models = [replace(forward.model(project, blast), receivers=probes) for blast in case.blasts]
-    done = forward.run(models)
+    own = [simulation.of(project, blast) for blast in case.blasts]
+    done = simulation.run([replace(simulation.model(each), receivers=probes) for each in own])
+    names = [probe.name for probe in probes]
     motion = np.stack(
         [
-            [run.seismograms[probe.name].sampled(
-                forward.lead(blast), case.dt, case.n_samples).velocity.T for probe in probes]
-            for run, blast in zip(done, case.blasts, strict=True)
+            simulation.sampled(run.seismograms, each.lead, names)
+            for each, run in zip(own, done, strict=True)
         ]
-    )  # fmt: skip
-    return Surroundings(offsets, motion.reshape(len(models), -1, n, n, *motion.shape[2:]))
+    )
+    return Surroundings(offsets, motion.reshape(len(own), -1, n, n, *motion.shape[2:]))
 
 
 def probe_offsets(case: Case, project: Project) -> np.ndarray:

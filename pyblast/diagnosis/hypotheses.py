@@ -109,7 +109,7 @@ def remeshable(case: Case) -> str:
 
 def holes_inside(case: Case) -> str:
     """Require holes as sources inside the model."""
-    if all(each.config.holes_inside for each in (case.project, *case.project.further)):
+    if all(shot.config.holes_inside for shot in case.project.shots):
         return ""
     return "no hole is a source inside the model: give [holes_inside] in place of [input]"
 
@@ -133,7 +133,7 @@ def elastic_joints(case: Case) -> str:
 
 def air_over_layers(case: Case) -> str:
     """Require holes with charges, flat layers and a model without air blast."""
-    for each in (case.project, *case.project.further):
+    for each in case.project.shots:
         config = each.config
         if config.air_blast is not None:
             return "the project has [air_blast], and every run has it"
@@ -163,10 +163,7 @@ TO_HOLD_OUT = {
 
 def point_forces(case: Case) -> str:
     """Require shots that are point forces, without holes."""
-    if all(
-        each.config.point_forces and each.config.blast is None
-        for each in (case.project, *case.project.further)
-    ):
+    if all(each.config.point_forces and each.config.blast is None for each in case.project.shots):
         return ""
     return "not every shot is a point force: give [[point_forces]] in place of [blast]"
 

@@ -19,8 +19,8 @@ from ..inference.records import COMPONENTS
 from ..project.project import Project
 from ..recordings.recording import Recording
 from ..signals.seismogram import GEOGRAPHIC
+from ..simulation.simulation import Simulation
 from .case import Case, case_of
-from .forward import Forward
 
 MOST = 6  # mistakes at one site
 FEWEST = 3  # receivers, of which one may stand out
@@ -103,15 +103,15 @@ class Mistake:
         }
 
 
-def mistakes_of(project: Project, simulate: Callable[[Case], Forward]) -> tuple[list, Project]:
+def mistakes_of(project: Project, simulated: Callable[[Case], Simulation]) -> tuple[list, Project]:
     """Find mistakes one by one, the plainest first, each after those before it are mended.
 
     Parameters
     ----------
     project : Project
         With its records.
-    simulate : callable
-        Takes a case, returns its forward simulation.
+    simulated : callable
+        ``(case) -> Simulation``.
 
     Returns
     -------
@@ -126,8 +126,8 @@ def mistakes_of(project: Project, simulate: Callable[[Case], Forward]) -> tuple[
     """
     mistakes: list[Mistake] = []
     while len(mistakes) < MOST:
-        forward = simulate(case_of(project))
-        mistake = plainest(forward, project)
+        case = case_of(project)
+        mistake = plainest(case, simulated(case), project)
         if mistake is None:
             break
         mistakes.append(mistake)
@@ -135,9 +135,9 @@ def mistakes_of(project: Project, simulate: Callable[[Case], Forward]) -> tuple[
     return mistakes, project
 
 
-def plainest(forward: Forward, project: Project) -> Mistake | None:
+def plainest(case: Case, simulation: Simulation, project: Project) -> Mistake | None:
     """Return the mistake in a project that shows most plainly, None if none does."""
-    compared = Compared.of(forward.case, forward.motion(forward.case.project), project)
+    compared = Compared.of(case, simulation.motion(case.project), project)
     copy = _copy(compared)
     if copy is not None:
         return copy
@@ -146,7 +146,7 @@ def plainest(forward: Forward, project: Project) -> Mistake | None:
     if mistake is not None and mistake.kind != "time zero":
         return mistake
     rivals = [] if mistake is None else [mistake]  # holes off their place are late as well
-    return _best([*rivals, *_of_plans(forward, compared)])
+    return _best([*rivals, *_of_plans(simulation, compared)])
 
 
 def _best(offered):
@@ -343,11 +343,11 @@ def _of_components(compared, r, name, before, recorded, simulated):
 
 
 def _axes(project, receivers):
-    """Return the azimuth of the axes of the records of receivers, and the names of the axes."""
+    """Return the azimuth of the axes of the recordings of receivers, and the names of the axes."""
     axes: dict[str, tuple] = dict.fromkeys(receivers, (None, COMPONENTS))
-    for each in (project, *project.further):
-        azimuths = {receiver.name: receiver.azimuth for receiver in each.receivers}
-        for name, record in each.records.items():
+    for shot in project.shots:
+        azimuths = {part.name: part.azimuth for part in project.of(shot.name).stations}
+        for name, record in project.survey.recordings[shot.name].items():
             names = tuple(record.seismogram.components)
             if name in axes and names != GEOGRAPHIC and azimuths.get(name) is not None:
                 axes[name] = azimuths[name], names
@@ -517,7 +517,7 @@ def _mends(before, after, least=MISFIT):
 # The plan of a blast, by runs of others
 
 
-def _of_plans(forward, compared) -> Iterator[Mistake]:
+def _of_plans(simulation, compared) -> Iterator[Mistake]:
     """Yield plans of a blast that its records contradict: its delays, and the place of its holes.
 
     Only of a blast whose misfit is far above that of the others, since each takes runs.
@@ -527,13 +527,13 @@ def _of_plans(forward, compared) -> Iterator[Mistake]:
         others = np.delete(misfit, b)
         if misfit[b] < SLIGHT or (len(others) and misfit[b] < RATIO * np.min(others)):
             continue
-        delays = list(_of_delays(forward, compared, b, name))
-        yield from delays or _of_place(forward, compared, b, name)
+        delays = list(_of_delays(simulation, compared, b, name))
+        yield from delays or _of_place(simulation, compared, b, name)
 
 
-def _of_delays(forward, compared, b, name):
+def _of_delays(simulation, compared, b, name):
     """Yield other delays of a blast: in the opposite order, or those of another blast."""
-    blasts = forward.case.project.blasts
+    blasts = compared.case.project.blasts
     own = blasts[name]
     if len(own.times) < 2:
         return
@@ -546,7 +546,7 @@ def _of_delays(forward, compared, b, name):
             continue
         fired = replace(own, times=times)
         yield from _judged(
-            forward,
+            simulation,
             compared,
             b,
             fired,
@@ -555,27 +555,28 @@ def _of_delays(forward, compared, b, name):
         )
 
 
-def _of_place(forward, compared, b, name):
+def _of_place(simulation, compared, b, name):
     """Yield the place of all holes of a blast, off along east and north."""
-    own = forward.case.project.blasts[name]
+    own = compared.case.project.blasts[name]
     try:
-        offset = _offset(forward, compared, b, own)
+        offset = _offset(simulation, compared, b, own)
     except InputError:  # a step would leave the ground: no place in it mends the records
         return
     act = (
         f"correct the coordinates of {name}: its records are those of holes "
         f"{np.hypot(*offset):.1f} m off ({offset[0]:+.1f} m east, {offset[1]:+.1f} m north)"
     )
-    yield from _judged(forward, compared, b, _moved(own, offset), "place", act)
+    yield from _judged(simulation, compared, b, _moved(own, offset), "place", act)
 
 
-def _offset(forward, compared, b, own):
+def _offset(simulation, compared, b, own):
     """Return by how much the holes of a blast are off, (2,) in m, by Gauss-Newton steps."""
     name, present, offset = compared.case.blasts[b], compared.recorders(b), np.zeros(2)
     for _ in range(MOST_STEPS):
-        at = _motion(forward, name, _moved(own, offset))
+        at = _motion(simulation, compared.case, name, _moved(own, offset))
         slopes = [
-            (_motion(forward, name, _moved(own, offset + STEP * unit)) - at) / STEP
+            (_motion(simulation, compared.case, name, _moved(own, offset + STEP * unit)) - at)
+            / STEP
             for unit in np.eye(2)
         ]
         size = _size(at)[present, None, None]
@@ -588,11 +589,11 @@ def _offset(forward, compared, b, own):
     return offset
 
 
-def _judged(forward, compared, b, fired, kind, act):
+def _judged(simulation, compared, b, fired, kind, act):
     """Yield the mistake that another plan of a blast mends, if it does."""
-    name = forward.case.blasts[b]
+    name = compared.case.blasts[b]
     present = compared.recorders(b)
-    motion = _motion(forward, name, fired)
+    motion = _motion(simulation, compared.case, name, fired)
     after = compared.correlation(compared.recorded[b], motion, 0)[present]
     before = compared.strict[b, present]
     if _mends(before, after, SLIGHT):
@@ -606,11 +607,10 @@ def _judged(forward, compared, b, fired, kind, act):
         )
 
 
-def _motion(forward, name, fired):
+def _motion(simulation, case, name, fired):
     """Return the motion of one blast with another plan in the band, (n_receivers, 3, n_samples)."""
-    case = forward.case
     project = case.project.changed(blasts=case.project.blasts | {name: fired})
-    (motion,) = forward.simulate([(project, name)])
+    motion = simulation.motion(project, [name])[0]
     b = case.blasts.index(name)
     every = np.zeros_like(case.motion)
     every[b] = np.where(case.valid[b], motion, 0.0)
@@ -632,39 +632,34 @@ def changed_records(
     receiver: str | None = None,
     blast: str | None = None,
 ) -> Project:
-    """Return a project with all records changed, or those of a receiver or a blast."""
-    tables = {
-        each.name: {
+    """Return a project with all recordings changed, or those of a receiver or a blast."""
+
+    def act(shot, table):
+        return {
             name: change(record)
-            if receiver in (None, name) and blast in (None, each.name)
+            if receiver in (None, name) and blast in (None, shot)
             else record
-            for name, record in each.records.items()
-        }
-        for each in (project, *project.further)
-    }
-    return project.changed(records=tables)
+            for name, record in table.items()
+        }  # fmt: skip
+
+    return replace(project, survey=project.survey.edited(act))
 
 
 def _without(project, blast) -> Project:
     """Return a project without the records of one blast."""
-    tables = {each.name: each.records for each in (project, *project.further)}
-    remaining = {name: table for name, table in tables.items() if name != blast}
-    further = tuple(each for each in project.further if each.name != blast)
-    if project.name == blast:
-        project, further = further[0], further[1:]
-    return replace(project, further=further).changed(records=remaining)
+    shots = tuple(shot for shot in project.shots if shot.name != blast)
+    first = project.of(shots[0].name)
+    return replace(first, survey=replace(project.survey, shots=shots))
 
 
 def _exchanged(project, first, second) -> Project:
     """Return a project in which two receivers have exchanged their records."""
-    tables = {}
-    for each in (project, *project.further):
-        table = dict(each.records)
-        pair = {first: table.pop(second, None), second: table.pop(first, None)}
-        tables[each.name] = table | {
-            name: record for name, record in pair.items() if record is not None
-        }
-    return project.changed(records=tables)
+    names = {first: second, second: first}
+
+    def act(_, table):
+        return {names.get(name, name): record for name, record in table.items()}
+
+    return replace(project, survey=project.survey.edited(act))
 
 
 def with_velocity(record: Recording, velocity, **other) -> Recording:

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 from itertools import groupby
 from typing import NamedTuple
 
@@ -10,7 +10,7 @@ import numpy as np
 from scipy.special import logsumexp
 
 from ..inference.covariance import record_blocks
-from ..inference.error_model import Change, ErrorModel, Level, Levels, Scores, detected_strength
+from ..inference.error_model import Change, ErrorModel, Level, Levels, Scores
 from ..inference.nuisances import (
     UNCORRECTED,
     Linearised,
@@ -367,8 +367,13 @@ class SiteScores:
 
     def log_bayes(self, residuals) -> np.ndarray:
         """Return the log Bayes factor of each member, (n_members, n_data)."""
-        values = np.zeros((len(self.members), len(residuals)))
-        for blasts, scores in self.of_members(residuals).items():
+        return self._collected(self.of_members(residuals))
+
+    def _collected(self, by_blasts):
+        """Return the log Bayes factors (n_members, n_data) of scores by set of blasts."""
+        n_data = len(by_blasts[main_blasts(self.scene.case)].log_evidence)
+        values = np.zeros((len(self.members), n_data))
+        for blasts, scores in by_blasts.items():
             values[self.numbers[blasts]] = scores.log_bayes
         return values
 
@@ -465,17 +470,22 @@ class SiteScores:
         return self.at_prior[main_blasts(self.scene.case)].at
 
     @cached_property
+    def drawn(self) -> dict[tuple[int, ...], Scores]:
+        """Scores of the members of each set of blasts, of draws without an effect at `at`."""
+        return self.of_members(self.error.draws(np.random.default_rng(self.seed), DRAWS, self.at))
+
+    @cached_property
     def thresholds(self) -> dict[str, float]:
         """Least log Bayes factor of a class, by what asks for it."""
-        drawn = self.error.draws(np.random.default_rng(self.seed), DRAWS, self.at)
         mesh = UNCORRECTED * self.scene.case.band.project(self.scene.baseline.correction)
-        by_class = self.by_class(self.log_bayes(np.concatenate([drawn, [mesh, -mesh]])))
-        each = np.array([*by_class.values()]).reshape(-1, DRAWS + 2)
-        largest = each.max(axis=0, initial=-np.finfo(float).max)
+        drawn, numerical = (
+            np.max([*self.by_class(values).values()], axis=0, initial=-np.finfo(float).max)
+            for values in (self._collected(self.drawn), self.log_bayes(np.stack([mesh, -mesh])))
+        )
         return {
             "least": LEAST_SCORE,
-            "draws": float(np.quantile(largest[:DRAWS], DRAWN_LEVEL)),
-            "numerical": float(largest[DRAWS:].max()) + NUMERICAL,
+            "draws": float(np.quantile(drawn, DRAWN_LEVEL)),
+            "numerical": float(numerical.max()) + NUMERICAL,
         }
 
     @property
@@ -504,20 +514,20 @@ def detection_limits(scores: SiteScores, labels: Sequence[str] = ()) -> list[dic
 
     Notes
     -----
-    Theory.md (14.12): a change is taken as linear in the departure, up to what was simulated where
-    the effect grows with charge.
+    Theory.md (14.12), by `SiteScores.drawn`: a change is taken as linear in the departure, up to
+    what was simulated where the effect grows with charge.
     """
     number = {}
     for member in scores.members:
         number[member.label] = number.get(member.label, 0) + 1
     limits: dict[tuple, dict[str, _Limit]] = {}
     two_sided = set()
-    for member, length in sorted(_lengths(scores), key=lambda pair: -pair[0].trial.share):
+    for member, strengths in sorted(_drawn(scores), key=lambda pair: -pair[0].trial.share):
         if member.label in labels or member.hypothesis.untestable(scores.scene.case):
             continue
         least = scores.threshold + np.log(number[member.label])
         for k, effect in enumerate(member.trial.effects):
-            strength = detected_strength(float(length[k, k]), least)
+            strength = strengths(least, k)
             for name, limit in _limits_of(member, k, strength):
                 own = limits.setdefault((effect.name, name), {})
                 known = own.get(member.target)
@@ -529,13 +539,13 @@ def detection_limits(scores: SiteScores, labels: Sequence[str] = ()) -> list[dic
     return [_limit_row(name, parameter, own) for (name, parameter), own in limits.items()]
 
 
-def _lengths(scores):
-    """Return each member with the information on its strengths."""
-    pairs = []
-    for blasts, own in scores.at_prior.items():
-        numbers = scores.numbers[blasts]
-        pairs += [(scores.members[n], each) for n, each in zip(numbers, own.length, strict=True)]
-    return pairs
+def _drawn(scores):
+    """Return each member with the function that gives its detected strength among the draws."""
+    return [
+        (scores.members[n], partial(own.detected_strength, order))
+        for blasts, own in scores.drawn.items()
+        for order, n in enumerate(scores.numbers[blasts])
+    ]
 
 
 class _Limit(NamedTuple):

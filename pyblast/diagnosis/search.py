@@ -121,8 +121,8 @@ class Search:
 
     def runs_left(self) -> bool:
         """Tell whether the budget allows more runs."""
-        self.finished = self.finished and self.scene.forward.runs < self.limit
-        return self.scene.forward.runs < self.limit
+        self.finished = self.finished and self.scene.simulation.runs < self.limit
+        return self.scene.simulation.runs < self.limit
 
     def _lead(self, best, other):
         """Return the log Bayes factor between two fits."""

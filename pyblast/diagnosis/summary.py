@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 
 import numpy as np
 from scipy import signal
@@ -15,7 +14,7 @@ from .case import Case, case_of
 from .cross_validation import CrossValidation
 from .decision import FINER_MESH, RESOLUTION, RESOLUTION_DECIDED_BY, Decision, intervals
 from .effects import PredictionScene, Scene, with_motion_effects
-from .forward import surface_speed
+from .forward import simulation_of, surface_speed
 from .hypotheses import LIBRARY, blast_and_hole, untestable_labels
 from .mistakes import Mistake
 from .scores import detection_limits
@@ -80,7 +79,7 @@ def summarise_diagnosis(
             "band_hz": [case.band.low, case.band.high],
             "band_limited": case.carried,
             "clipped": _clipped(case),
-            "low_pass_hz": {name: case.project.of(name).low_pass for name in case.blasts},
+            "low_pass_hz": {name: case.project.survey.shot(name).low_pass for name in case.blasts},
             "excluded_share": round(float(np.mean(~case.valid)), 4),
         },
         "next_measurement": _next_measurement(search, decision, remainder),
@@ -110,7 +109,7 @@ def known_so_far(search: Search) -> dict:
         "fitted": _ranking(search),
         "scores": _one_digit(search.classes()),
         "not_testable": _not_testable(search),
-        "runs": search.scene.forward.runs,
+        "runs": search.scene.simulation.runs,
     }  # fmt: skip
 
 
@@ -128,9 +127,9 @@ def _calibration(baseline, fit):
 def _clipped(case):
     """Return the blasts in which a channel is clipped, by receiver."""
     clipped = {}
-    projects = {each.name: each for each in (case.project, *case.project.further)}
+    recordings = case.project.survey.recordings
     for blast in case.blasts:
-        for name, record in projects[blast].records.items():
+        for name, record in recordings[blast].items():
             if np.any(record.clipped):
                 clipped.setdefault(name, []).append(blast)
     return clipped
@@ -546,14 +545,14 @@ def held_out_blasts(everything: Case, scene: Scene, decision: Decision) -> dict 
     case, fit = scene.case, decision.fit
     further = case_of(case.project, table.held_out)
     further = further if case.share is None else like_taught(further, case)
-    forward = replace(scene.forward, case=further)
+    simulation = simulation_of(further, scene.simulation.folder, scene.simulation.executor)
     apart = [e for e in fit.effects if blast_and_hole(e.target)[0] not in case.blasts]
     shares = []
     for values, effects in ((scene.baseline.values, ()), (fit.values, apart)):
         site = scene.project(values, effects)
         assert site is not None  # it was fitted
-        own = PredictionScene(forward, site)
-        shares.append(explained(further, with_motion_effects(own, forward.motion(site), effects)))
+        own, motion = PredictionScene(simulation, further, site), simulation.motion(site)
+        shares.append(explained(further, with_motion_effects(own, motion, effects)))
     before, after = shares
     return {
         "blasts": list(further.blasts),

@@ -6,14 +6,16 @@ from itertools import pairwise, product
 from typing import NamedTuple
 
 import numpy as np
-from scipy import linalg
+from scipy import linalg, optimize
 from scipy.special import log_ndtr, logsumexp
 
 from .covariance import RecordBlocks
 from .nuisances import GROUND, TRANSFER, Nuisances
 
-NORMAL_90, NORMAL_95 = 1.2815515655446004, 1.6448536269514722  # quantiles
+NORMAL_95 = 1.6448536269514722  # quantile
 TINY = 1e-12  # of the information on a change that nuisances explain
+DETECTED = 0.9  # share of cases in which a change at its detection limit is found
+STRONGEST = 1e4  # times the strength that is detected where the level of the error is known
 
 
 class Level(NamedTuple):
@@ -139,6 +141,24 @@ class Change(NamedTuple):
     one_sided: bool = False
 
 
+class ByLevel(NamedTuple):
+    """Scores of n_data residuals and n_changes changes at one level of model error.
+
+    Parameters
+    ----------
+    evidence : (n_data,) float64
+        Log evidence without an effect.
+    information : list of (n_shapes, n_shapes) float64
+        On the strengths of each change.
+    along : list of (n_shapes, n_data) float64
+        What each residual has of the shapes of each change, by the inverse covariance.
+    """
+
+    evidence: np.ndarray
+    information: list[np.ndarray]
+    along: list[np.ndarray]
+
+
 @dataclass(frozen=True, eq=False)
 class Scores:
     """Scores of n_data residuals.
@@ -156,6 +176,9 @@ class Scores:
         residual; the square of d' for one shape.
     at : Level
         The most probable one of the first residual.
+    one_sided : list of bool
+        Whether the strength of each change is positive.
+    by_level : list of ByLevel
     """
 
     log_evidence: np.ndarray
@@ -163,6 +186,67 @@ class Scores:
     strength: list[np.ndarray]
     length: list[np.ndarray]
     at: Level
+    one_sided: list[bool]
+    by_level: list[ByLevel]
+
+    def detected_strength(self, change: int, threshold: float, shape: int = 0) -> float:
+        """Return the strength at which a change exceeds a threshold in nine of ten residuals.
+
+        Parameters
+        ----------
+        change, shape : int
+            Number of the change, and of the one of its shapes that is added to all residuals.
+        threshold : float
+            Log Bayes factor.
+
+        Returns
+        -------
+        float
+            In standard deviations of the prior; infinite where no strength does.
+
+        Notes
+        -----
+        Theory.md (14.12). Levels are averaged: what a change leaves unexplained without it is
+        taken for a higher level of the error, so that more is needed than at the known level.
+        """
+        length = float(self.length[change][shape, shape])
+        if length < TINY:
+            return np.inf
+        evidence, bayes, beyond = self._in_strength(change, shape)
+
+        def excess(strength):
+            powers = np.array([1.0, strength, strength**2])
+            without, gain = np.tensordot(powers, evidence, 1), np.tensordot(powers, bayes, 1)
+            if self.one_sided[change]:
+                gain += np.log(2.0) + log_ndtr(np.tensordot(powers[:2], beyond, 1))
+            score = logsumexp(without + gain, axis=0) - logsumexp(without, axis=0)
+            return float(np.quantile(score, 1.0 - DETECTED)) - threshold
+
+        first = high = np.sqrt(2.0 * max(threshold, 1.0) / length)
+        while excess(high) < 0.0:
+            high *= 2.0
+            if high > STRONGEST * first:
+                return np.inf
+        return float(optimize.brentq(excess, 0.0, high, rtol=1e-3))
+
+    def _in_strength(self, change, shape):
+        """Return polynomials in a strength that is added, (n_powers, n_levels, n_data).
+
+        Of the log evidence without the change, of its log Bayes factor, and of its strength over
+        the deviation of that.
+        """
+        evidence, bayes, beyond = [], [], []
+        for each in self.by_level:
+            information, along = each.information[change], each.along[change]
+            inner, added = np.eye(len(information)) + information, information[:, shape]
+            mean, moved = np.linalg.solve(inner, along), np.linalg.solve(inner, added)
+            same = np.ones(along.shape[1])
+            evidence.append([each.evidence, -along[shape], -0.5 * added[shape] * same])
+            still = 0.5 * (np.sum(along * mean, axis=0) - np.linalg.slogdet(inner)[1])
+            bayes.append([still, added @ mean, 0.5 * (added @ moved) * same])
+            root = np.sqrt(inner[0, 0])
+            beyond.append([root * mean[0], root * moved[0] * same])
+        return (np.swapaxes(rows, 0, 1) for rows in (evidence, bayes, beyond))
 
 
 class _Eliminated(NamedTuple):
@@ -271,19 +355,23 @@ class ErrorModel:
         rows = np.concatenate([*(change.shapes for change in changes), residuals])
         ends = np.cumsum([0, *(len(change.shapes) for change in changes)])
         pairs, n = list(pairwise(ends)), ends[-1]
-        evidence, bayes, means, lengths, at = [], [], [], [], []
+        bayes, means, by_level, at = [], [], [], []
         for part in self._eliminated(rows):
             square = np.diag(part.products)[n:]
-            evidence.append(-0.5 * (square + part.log_determinant))
+            level = ByLevel(
+                -0.5 * (square + part.log_determinant),
+                [part.products[a:b, a:b] for a, b in pairs],
+                [part.products[a:b, n:] for a, b in pairs],
+            )
             each = [
-                _log_bayes(part.products[a:b, a:b], part.products[a:b, n:], change.one_sided)
-                for change, (a, b) in zip(changes, pairs, strict=True)
+                _log_bayes(information, along, change.one_sided)
+                for change, information, along in zip(changes, *level[1:], strict=True)
             ]
             bayes.append([value for value, _ in each])
             means.append([mean for _, mean in each])
-            lengths.append([part.products[a:b, a:b] for a, b in pairs])
+            by_level.append(level)
             at.append(part.at)
-        evidence = np.array(evidence)
+        evidence = np.array([level.evidence for level in by_level])
         bayes = np.array(bayes).reshape(len(at), len(changes), len(residuals))
         total = logsumexp(evidence, axis=0)
         joint = evidence[:, None] + bayes
@@ -295,8 +383,9 @@ class ErrorModel:
         ]
         best = int(np.argmax(evidence[:, 0]))
         return Scores(
-            total - np.log(len(at)), with_change - total, strength, lengths[best], at[best]
-        )
+            total - np.log(len(at)), with_change - total, strength, by_level[best].information,
+            at[best], [change.one_sided for change in changes], by_level,
+        )  # fmt: skip
 
     def draws(self, rng: np.random.Generator, n: int, at: Level) -> np.ndarray:
         """Draw residuals without an effect at a level.
@@ -354,26 +443,3 @@ def _root_mean_squares(scores, groups):
     names = dict.fromkeys(groups)
     each = {name: [s for s, g in zip(scores, groups, strict=True) if g == name] for name in names}
     return {name: float(np.sqrt(np.mean(np.square(part)))) for name, part in each.items()}
-
-
-def detected_strength(length: float, threshold: float, power: float = NORMAL_90) -> float:
-    """Return the strength at which a change exceeds a threshold in nine of ten cases.
-
-    Parameters
-    ----------
-    length : float
-        Square of d', the information on its strength.
-    threshold : float
-        Log Bayes factor.
-    power : float
-        Standard normal quantile of the share of cases; 1.28 for nine of ten.
-
-    Notes
-    -----
-    theory.md (14.12): the score is the strength times its length in the mean, with that variance.
-    """
-    if length < TINY:
-        return np.inf
-    wanted = threshold + 0.5 * np.log1p(length) - np.log(2.0)
-    least = np.sqrt(2.0 * max(wanted, 0.0) * (1.0 + length))
-    return float((least + power * np.sqrt(length)) / length)

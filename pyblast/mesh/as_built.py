@@ -11,6 +11,7 @@ from types import MappingProxyType
 
 import numpy as np
 import scipy
+from numpy.typing import ArrayLike
 
 from . import hexahedra
 from .faces import pair_faces, zone_faces, zone_of_face
@@ -97,7 +98,7 @@ def as_built(
 
 
 def positions_as_built(
-    mesh: Mesh, asked: Geometry | None, positions: Mapping[str, np.ndarray]
+    mesh: Mesh, asked: Geometry | None, positions: Mapping[str, ArrayLike]
 ) -> tuple[Row, ...]:
     """Survey where sources and receivers stand in a mesh.
 

@@ -28,6 +28,7 @@ class Receiver:
     ----------
     name : str
     position : (3,) float, m
+        Of two numbers where it stands on the ground, until it is placed in a mesh.
     azimuth : float or None, rad
         Direction of the longitudinal component, clockwise from north; None: east and north.
     normal : (3,) float or None
@@ -40,7 +41,7 @@ class Receiver:
     """
 
     name: str
-    position: tuple[float, float, float]
+    position: tuple[float, ...]
     azimuth: float | None = None
     normal: tuple[float, ...] | None = None
 

@@ -16,11 +16,11 @@ from ..model.boundary import Roller, Viscous
 from ..signals.spectra import highest_frequency
 from ..solver.initial_stress import joint_pressures
 from ..solver.injection import near_receivers, refusal
+from ..sources.inside import shape
 from ..units import plain_number
 from . import checks_ground
 from .checks_ground import ModelSummary, boundary_defects, ground_notes, summarise_model
 from .elastic_ground import elastic_finding
-from .inputs import central_frequency, input_band, shape
 from .level import (
     energy_finding,
     expected_peaks,
@@ -83,7 +83,7 @@ def check(project, measure=True, progress=None) -> Check:
     recorded = project.recorded  # a file that can't be read is refused before the mesh
     tell("mesh", 0, 1)
     if recorded and project.comparable:  # refuses records that can't be set beside the motion
-        low = project.low_pass
+        low = project.shot.low_pass
         passed = f", low-passed at {low:.3g} Hz like the sources" if low else ""
         notes += (f"Records to compare with: {', '.join(project.comparable)}{passed}.",)
     rows = project.as_built
@@ -154,7 +154,7 @@ def _mesh_defects(project, summary):
     yield checks_ground.beyond_memory(summary.memory, quality.available())
     times = () if project.blast is None else project.blast.times
     yield unlikely_values(project.materials, project.joints, project.config, times)
-    band, centre = input_band(project), central_frequency(project)
+    band, centre = project.shot.highest_frequency, project.shot.central_frequency
     for group in summary.groups:
         yield coarse_zones(
             group.name, project.model.materials[group.name], group.mean_edge, group.volume, band,
@@ -200,9 +200,9 @@ def _stiff(project, summary):
 
 def _load_defects(project):
     """D3, D4, D6, D7, D17, D20, D22, D25: firing, load, charge, absorbing layer, air."""
-    blast, band = project.config.blast, input_band(project)
+    blast, band = project.config.blast, project.shot.highest_frequency
     if blast is not None:
-        yield firing_comb(project.firing, central_frequency(project), band)
+        yield firing_comb(project.firing, project.shot.central_frequency, band)
     if blast is not None and blast.charge_kg is not None:
         yield charge_fits(
             blast.charge_kg, 1e-3 * blast.diameter_mm, blast.depth_m, blast.explosive_kg_per_m3
@@ -225,7 +225,7 @@ def _load_defects(project):
 def _face_defects(project, band):
     """D4, D6, D7, D17, D27: filter, face, strength, holes inside."""
     config, firing, motion = project.config, project.firing, project.input
-    yield comb_return(firing, central_frequency(project), motion.low_passed)
+    yield comb_return(firing, project.shot.central_frequency, motion.low_passed)
     name, material = source_material(project)
     yield layered_face(config.input.face, face_materials(project))
     peak = project.signature.pvs
@@ -243,7 +243,7 @@ def _face_defects(project, band):
 
 def _joint_defects(project, summary):
     """D8, D11, D18: faults and joint sets."""
-    centre, band = central_frequency(project), input_band(project)
+    centre, band = project.shot.central_frequency, project.shot.highest_frequency
     by_surface = {joint.surface: joint for joint in project.joints}
     pressures = joint_pressures(project.model)
     stiffness = {name: joint.tangents(pressures[name]) for name, joint in by_surface.items()}

@@ -25,9 +25,16 @@ from ..mesh.mesh import surface_zones
 from ..model.boundary import StressInput
 from ..signals.seismogram import Seismogram
 from ..signals.spectra import highest_frequency
+from ..sources.inside import (
+    FREQUENCY,
+    charge_depth,
+    level_distance,
+    level_peak,
+    radiated,
+    shape,
+)
 from ..units import plain_number
-from .inputs import FREQUENCY, level_peak, radiated, shape
-from .places import charge_depth, face_areas, full_tensor, level_distance, normal_axis
+from .places import face_areas, full_tensor, normal_axis
 from .project import Project
 
 CODE = "D36"
@@ -275,7 +282,7 @@ def radiated_peak(project: Project, distance: float) -> float:
     inside, rock = project.inside, rock_of_holes(project)
     rate = inside.unfiltered or inside.moment_rate
     alone = moment_velocity(rate.values, rate.dt, distance, rock.density, rock.cp)
-    history = superpose(shape(rate, alone), inside.firing).velocity[:, 0]
+    history = superpose(shape(rate, alone), project.firing).velocity[:, 0]
     depth = charge_depth(project.config, project.blast)
     over = ground_peak(rate, distance, depth, rock) / float(np.abs(alone).max())
     return over * float(np.abs(history).max())
@@ -522,7 +529,7 @@ def source_energy(project: Project, ledger: np.ndarray | None = None) -> SourceE
         rock = rock_of_holes(project)
     energy = 0.0
     if inside.moment_rate is not None:
-        fired = superpose(radiated(inside.moment_rate), inside.firing)
+        fired = superpose(radiated(inside.moment_rate), project.firing)
         energy += radiated_energy(fired.velocity[:, 0], fired.dt, np.eye(3), rock)
     for part, rate in zip(config.moment_tensors, inside.tensors, strict=True):
         slope = np.gradient(rate.values, rate.dt)

@@ -1,6 +1,5 @@
 """Places in the mesh of a project: receivers, sources, absorbing layer, input face."""
 
-import math
 from dataclasses import replace
 
 import numpy as np
@@ -10,55 +9,39 @@ from ..blasts.blast import Blast
 from ..errors import InputError, named_error
 from ..mesh.faces import face_vectors, zone_of_face
 from ..mesh.hexahedra import face_nodes, face_shapes, face_slopes
-from ..mesh.mesh import locate_in_zones, surface_faces, surface_zones
+from ..mesh.mesh import Mesh, locate_in_zones, surface_faces, surface_zones
 from ..model.model import Model, Receiver, SpongeLayer
 from ..model.source import AirBlast, Column, Hole, MomentTensor, PointForce, Pressure, TimeFunction
 from ..solver.injection import near_receivers
 from ..solver.moment_density import near_sources
+from ..sources.recorded import axes_of
+from ..sources.shot import Shot
 
 UPRIGHT = 1e-9  # plan area of a face over the square of its width, below which it has no height
-SHALLOWEST = 0.5  # m, depth of a charge at least
 KIND_NAMES = {"PointForce": "force", "MomentTensor": "moment tensor"}
 
 
-def place_receivers(parts, mesh) -> tuple[Receiver, ...]:
-    """Turn a list of `ReceiverConfig` into receivers; those without height stand on the surface.
-
-    Raises
-    ------
-    InputError
-        If a receiver lies outside of the mesh.
-    """
-    receivers = []
-    for part in parts:
-        with named_error(f"receivers.{part.name}"):
-            position = on_ground(mesh, part.position_m)
-        azimuth = None if part.azimuth_deg is None else float(np.radians(part.azimuth_deg))
-        normal = None if part.normal is None else tuple(part.normal)
-        receivers.append(Receiver(part.name, position, azimuth, normal))
-    refuse_outside(
-        mesh, {f"receivers.{receiver.name}": receiver.position for receiver in receivers}
+def make_receivers(parts) -> tuple[Receiver, ...]:
+    """Turn a list of `ReceiverConfig` into receivers; those without height are to be `placed`."""
+    return tuple(
+        Receiver(part.name, tuple(map(float, part.position_m)), *axes_of(part)) for part in parts
     )
-    return tuple(receivers)
 
 
-def placed_again(receivers, parts, mesh) -> tuple[Receiver, ...]:
-    """Return receivers in another mesh; those whose `ReceiverConfig` has no height stand on it.
+def placed(receivers, mesh) -> tuple[Receiver, ...]:
+    """Return receivers in a mesh; those without height stand on its surface.
 
     Raises
     ------
     InputError
         If a receiver lies outside of the mesh.
     """
-    standing = {part.name for part in parts if len(part.position_m) == 2}
-    placed = []
+    standing = []
     for receiver in receivers:
         with named_error(f"receivers.{receiver.name}"):
-            if receiver.name in standing:
-                receiver = replace(receiver, position=on_ground(mesh, receiver.position[:2]))
-            placed.append(receiver)
-    refuse_outside(mesh, {f"receivers.{receiver.name}": receiver.position for receiver in placed})
-    return tuple(placed)
+            standing.append(replace(receiver, position=on_ground(mesh, receiver.position)))
+    refuse_outside(mesh, {f"receivers.{receiver.name}": receiver.position for receiver in standing})
+    return tuple(standing)
 
 
 def on_ground(mesh, position) -> tuple[float, float, float]:
@@ -230,7 +213,7 @@ def extent_of(project) -> np.ndarray:
 def positions_of(project) -> dict[str, tuple[float, ...]]:
     """Return the positions (2 or 3,) in m of sources and receivers of all blasts, by name."""
     positions = {}
-    for each in (project, *project.further):
+    for each in project.shots:
         config = each.config
         if each.blast is not None and config.holes_inside is not None:
             positions |= hole_positions(each.blast)
@@ -238,23 +221,19 @@ def positions_of(project) -> dict[str, tuple[float, ...]]:
             parts = enumerate(getattr(config, kind), start=1)
             positions |= {f"{kind}[{number}]": part.position_m for number, part in parts}
         positions |= {f"receivers.{part.name}": part.position_m for part in config.receivers}
-    given = project.given.get("receivers", ())
+    given = project.survey.receivers or ()
     return positions | {f"receivers.{each.name}": each.position for each in given}
 
 
 def survey_positions(project) -> np.ndarray:
     """Return the horizontal positions (n, 2) in m of sources and receivers of all blasts."""
-    return np.concatenate([_horizontal(each) for each in (project, *project.further)])
-
-
-def _horizontal(project):
-    """Return the horizontal positions (n, 2) in m of receivers and sources of one blast."""
-    config, blast = project.config, project.blast
-    parts = [*config.receivers, *config.point_forces, *config.moment_tensors]
-    positions = [part.position_m[:2] for part in parts]
-    positions += [receiver.position[:2] for receiver in project.given.get("receivers", ())]
-    if blast is not None and config.holes_inside is not None:
-        positions += [*blast.collar[:, :2], *blast.toe[:, :2]]
+    positions = [receiver.position[:2] for receiver in project.survey.receivers or ()]
+    for shot in project.shots:
+        config, blast = shot.config, shot.blast
+        parts = [*config.receivers, *config.point_forces, *config.moment_tensors]
+        positions += [part.position_m[:2] for part in parts]
+        if blast is not None and config.holes_inside is not None:
+            positions += [*blast.collar[:, :2], *blast.toe[:, :2]]
     return np.array(positions, dtype=float).reshape(-1, 2)
 
 
@@ -286,31 +265,6 @@ def carried_frequency(project, mesh) -> float:
     _, zone = KDTree(mesh.points[mesh.zones].mean(axis=1)).query(project.blast.centres)
     carried = model.highest_frequency()
     return min(carried[mesh.groups[group]] for group in np.unique(mesh.zone_group[zone]))
-
-
-def level_distance(config, blast) -> float:
-    """Return where a law sets the level of the charged hole of a `Config`, in m.
-
-    The geometric mean of the distances from the middle of the charges to the receivers, unless
-    distance_m is given; receivers without height stand as high as the mean collar.
-    """
-    hole = config.holes_inside.charged_hole
-    if hole is not None and hole.distance_m is not None:
-        return hole.distance_m
-    middle, top = blast.centres.mean(axis=0), float(blast.collar[:, 2].mean())
-    away = [math.dist([*part.position_m, top][:3], middle) for part in config.receivers]
-    if not away or min(away) <= 0.0:
-        raise InputError(
-            "charged_hole.distance_m: missing, and no distance to receivers stands for it"
-        )
-    return float(np.exp(np.mean(np.log(away))))
-
-
-def charge_depth(config, blast) -> float | None:
-    """Return the mean depth in m of charges below their collars; None where no surface is free."""
-    if "top" in config.boundaries.viscous:
-        return None
-    return float(np.maximum(blast.collar[:, 2] - blast.centres[:, 2], SHALLOWEST).mean())
 
 
 def check_absorbing_layer(layer, mesh, positions):
@@ -393,31 +347,31 @@ def source_positions(project):
     return positions
 
 
-def place_sources(inside, config, blast, mesh, lead) -> tuple:
-    """Place all sources in the mesh; their time 0 is ``lead`` s before the first firing.
+def place_sources(shot: Shot, mesh: Mesh) -> tuple:
+    """Place all sources of a shot in the mesh; their time 0 is its lead before the first firing.
 
     Raises
     ------
     InputError
         If a source lies outside of the mesh, no hole has a charge, or a surface is unknown.
     """
-    sources = []
+    sources, inside, config = [], shot.inside, shot.config
     if inside.moment_rate is not None:
-        if not blast.charge.any():
+        if not shot.blast.charge.any():
             raise InputError("blast: no hole has a charge; give one a charge_kg above 0")
-        refuse_outside(mesh, hole_positions(blast))
+        refuse_outside(mesh, hole_positions(shot.blast))
         if config.holes_inside.detonation_m_per_s:
-            sources += _place_columns(inside, config, blast, mesh, lead)
+            sources += _place_columns(shot, mesh)
         else:
-            sources += _place_holes(inside, config, blast, lead)
-    sources += _place_forces(inside, config, mesh, lead)
-    sources += _place_tensors(inside, config, mesh, lead)
+            sources += _place_holes(shot)
+    sources += _place_forces(shot, mesh)
+    sources += _place_tensors(shot, mesh)
     for number, (part, history) in enumerate(zip(config.pressures, inside.pressures, strict=True)):
         _check_surface(f"pressures[{number + 1}]", part.surface, mesh)
         moving = (part.start_m, part.speed_m_per_s) if part.start_m is not None else ()
-        sources.append(Pressure(part.surface, _later(history, lead), *moving))
+        sources.append(Pressure(part.surface, _later(history, shot.lead), *moving))
     if inside.air_pulse is not None:
-        sources += _place_air(inside, config.air_blast, blast, mesh, lead)
+        sources += _place_air(shot, mesh)
     return tuple(sources)
 
 
@@ -426,55 +380,54 @@ def _later(history, lead):
     return replace(history, start=history.start + lead)
 
 
-def _place_holes(inside, config, blast, lead):
+def _place_holes(shot):
     """Return the holes of a blast as points, without those that misfire (charge 0)."""
-    spread, exponent = config.holes_inside.spread_m, config.blast.charge_exponent
-    charges = zip(
-        hole_positions(blast).items(), blast.charge, inside.firing.times + lead, strict=True
-    )
+    spread, exponent = shot.config.holes_inside.spread_m, shot.config.blast.charge_exponent
+    rate, times = shot.inside.moment_rate, shot.firing.times + shot.lead
+    charges = zip(hole_positions(shot.blast).items(), shot.blast.charge, times, strict=True)
     for (name, position), charge, time in charges:
         if charge == 0.0:
             continue
         with named_error(name):
-            yield Hole(position, charge, time, inside.moment_rate, exponent, spread)
+            yield Hole(position, charge, time, rate, exponent, spread)
 
 
-def _place_columns(inside, config, blast, mesh, lead):
+def _place_columns(shot, mesh):
     """Return the holes that have a charge as columns that detonate from one end."""
-    part, exponent = config.holes_inside, config.blast.charge_exponent
-    names, ends = list(hole_positions(blast)), blast.columns
+    part, exponent = shot.config.holes_inside, shot.config.blast.charge_exponent
+    names, ends = list(hole_positions(shot.blast)), shot.blast.columns
     for end in (0, 1):
         refuse_outside(mesh, dict(zip(names, ends[:, end], strict=True)))
     primed, other = (0, 1) if part.primed_at == "collar" else (1, 0)
-    for name, column, charge, time in zip(
-        names, ends, blast.charge, inside.firing.times + lead, strict=True
-    ):
+    times = shot.firing.times + shot.lead
+    for name, column, charge, time in zip(names, ends, shot.blast.charge, times, strict=True):
         if charge == 0.0:
             continue
         with named_error(name):
             yield Column(
-                column[primed], column[other], charge, time, inside.moment_rate, exponent,
+                column[primed], column[other], charge, time, shot.inside.moment_rate, exponent,
                 part.detonation_m_per_s,
             )  # fmt: skip
 
 
-def _place_forces(inside, config, mesh, lead):
+def _place_forces(shot, mesh):
     """Return the point forces."""
-    for number, (part, history) in enumerate(zip(config.point_forces, inside.forces, strict=True)):
+    parts = zip(shot.config.point_forces, shot.inside.forces, strict=True)
+    for number, (part, history) in enumerate(parts):
         with named_error(f"point_forces[{number + 1}]"):
             position = np.array(on_ground(mesh, part.position_m))
         refuse_outside(mesh, {f"point_forces[{number + 1}]": position})
         along = np.array(part.direction) / np.linalg.norm(part.direction)
-        yield PointForce(position, along, _later(history, lead))
+        yield PointForce(position, along, _later(history, shot.lead))
 
 
-def _place_tensors(inside, config, mesh, lead):
+def _place_tensors(shot, mesh):
     """Return the moment tensors."""
-    parts = zip(config.moment_tensors, inside.tensors, strict=True)
+    parts = zip(shot.config.moment_tensors, shot.inside.tensors, strict=True)
     for number, (part, history) in enumerate(parts):
         refuse_outside(mesh, {f"moment_tensors[{number + 1}]": np.array(part.position_m)})
         position = np.array(part.position_m)
-        yield MomentTensor(position, full_tensor(part.tensor), lead, history, part.spread_m)
+        yield MomentTensor(position, full_tensor(part.tensor), shot.lead, history, part.spread_m)
 
 
 def full_tensor(six) -> np.ndarray:
@@ -483,14 +436,16 @@ def full_tensor(six) -> np.ndarray:
     return np.array([[xx, xy, zx], [xy, yy, yz], [zx, yz, zz]])
 
 
-def _place_air(inside, part, blast, mesh, lead):
+def _place_air(shot, mesh):
     """Return the air blast of every hole, from its collar."""
+    part, blast = shot.config.air_blast, shot.blast
     _check_surface("air_blast", part.surface, mesh)
-    pulse, scales = inside.air_pulse, blast.firing().scales
+    pulse, scales = shot.inside.air_pulse, blast.firing().scales
     if part.reference_charge_kg is not None:
         with named_error("air_blast"):
             scales = blast.firing(part.reference_charge_kg, part.charge_exponent).scales
-    for collar, time, scale in zip(blast.collar, inside.firing.times + lead, scales, strict=True):
+    times = shot.firing.times + shot.lead
+    for collar, time, scale in zip(blast.collar, times, scales, strict=True):
         if scale == 0.0:
             continue
         history = TimeFunction(scale * pulse.values, pulse.dt, pulse.start)

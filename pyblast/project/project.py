@@ -1,6 +1,5 @@
 """A project: everything that its file names, as objects in SI units, and variants of it."""
 
-import hashlib
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -38,6 +37,7 @@ from ..readers.provenance import ReadLog
 from ..recordings.recording import Recording
 from ..signals.seismogram import Seismogram
 from ..simulation.recipe import (
+    BETTER,
     FINER_ERROR,
     OF_FITS,
     Meshed,
@@ -46,36 +46,26 @@ from ..simulation.recipe import (
     sized_by_blast,
     sizes_for_band,
     sizes_for_error,
+    with_laws,
 )
 from ..solver.initial_stress import joint_pressures
 from ..solver.injection import with_injection
 from ..solver.run import Run, simulate
+from ..sources.face import InputMotion
+from ..sources.inside import Inside
+from ..sources.recorded import like_simulated
+from ..sources.shot import Shot
+from ..survey import Survey
 from .elastic_ground import ElasticGround, elastic_ground, with_elastic_ground
-from .inputs import (
-    InputMotion,
-    Inside,
-    blast_frequency,
-    like_simulated,
-    make_blast,
-    make_entry,
-    make_firing,
-    make_input,
-    make_signature,
-    named_files,
-    opposite_input,
-    read_inside,
-    read_record,
-    shifts_of,
-    wave_fronts,
-)
 from .places import (
     carried_frequency,
     check_absorbing_layer,
     hole_positions,
     longest_path,
     make_absorbing_layer,
-    place_receivers,
+    make_receivers,
     place_sources,
+    placed,
     positions_of,
     single_source,
     source_positions,
@@ -84,16 +74,6 @@ from .places import (
 
 MOST_MESHES = 24  # of variants of a project that are kept, split and not
 STEP_FACTOR = {False: 0.8, True: 0.95}  # over a bound of tetrahedra, over the limit of hexahedra
-
-
-class _part(cached_property):
-    """Cached property of a project, unless the value was given."""
-
-    def __get__(self, instance, owner=None) -> Any:
-        """Return the value: given, cached or computed."""
-        if instance is not None and self.attrname in instance.given:
-            return instance.given[self.attrname]
-        return super().__get__(instance, owner)
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,10 +87,8 @@ class Project:
     materials : dict of str to Material
     joints : tuple of Joint
         One for each joint surface of the mesh.
-    name : str
-        Name of the blast; by default the stem of the file.
-    further : tuple of Project
-        Further blasts in the same ground, of `with_further`.
+    survey : Survey
+        The shot of this file, then those of `with_further`, with receivers and recordings.
     fields : tuple of Gradient, DamagedZone or Heterogeneity
         Factors on the wave speeds beside those of the table [ground].
     terrain : (n, 3) or (n, 3, 3) float64, m, optional
@@ -120,8 +98,6 @@ class Project:
         those of the file.
     meshes : dict
         Meshes of this project and of what `replace` makes of it, each built once; shared.
-    given : dict of str to object
-        Parts, such as ``records``, that replace those of the file.
     log : ReadLog
         What was read from files so far.
     """
@@ -130,13 +106,11 @@ class Project:
     config: Config
     materials: dict[str, Material]
     joints: tuple[Joint, ...]
-    name: str = ""
-    further: tuple["Project", ...] = ()
+    survey: Survey
     fields: tuple = ()
     terrain: np.ndarray | None = None
     span: float | None = None
     meshes: dict[tuple, Any] = field(default_factory=dict, repr=False)
-    given: dict[str, Any] = field(default_factory=dict)
     log: ReadLog = field(default_factory=ReadLog, repr=False)
 
     @classmethod
@@ -163,6 +137,25 @@ class Project:
         return any(key == name or key.startswith(f"{name}.") for name in self.config.assumed)
 
     @property
+    def shots(self) -> tuple[Shot, ...]:
+        """Blasts in this ground; sources inside have all frequencies, see `shot`."""
+        return self.survey.shots
+
+    @cached_property
+    def shot(self) -> Shot:
+        """The first blast, its sources inside low-passed to what the mesh carries."""
+        return self._shot_on(lambda: self.mesh)
+
+    def _shot_on(self, mesh):
+        """Return the first blast on the mesh that a function returns."""
+        return self.shots[0].on_mesh(lambda: carried_frequency(self, mesh()))
+
+    @property
+    def name(self) -> str:
+        """Name of the first blast; by default the stem of the file."""
+        return self.shots[0].name
+
+    @property
     def ground_materials(self) -> list[str]:
         """Names of the materials in the ground, layers from the top down."""
         layers = [layer.material for layer in self.config.mesh.layers]
@@ -174,71 +167,40 @@ class Project:
         config = self.config.mesh
         return [*config.file_joints, *(fault.name for fault in config.faults)]
 
-    @_part
+    @property
     def blast(self) -> Blast | None:
         """Holes of the production blast."""
-        if self.config.blast is None:
-            return None
-        with named_error(f"{self.path.name}: blast"):
-            return make_blast(self.config.blast, self.folder, self.log)
+        return self.shots[0].blast
 
-    @_part
+    @property
     def firing(self) -> Firing:
-        """Return firing times and scales of the holes; scales of holes inside refer to 1 kg."""
-        reference = None if self.config.holes_inside is None else 1.0
-        return make_firing(self.config.blast, self.blast, reference)
+        """Firing times and scales of the holes; scales of holes inside refer to 1 kg."""
+        return self.shots[0].firing
 
-    @_part
+    @property
     def signature(self) -> Seismogram | None:
         """Seismogram of a single hole."""
-        if self.config.signature is None:
-            return None
-        with named_error(f"{self.path.name}: signature"):
-            return make_signature(self.config.signature, self.materials, self.folder, self.log)
+        return self.shots[0].signature
 
-    @_part
+    @property
     def input(self) -> InputMotion | None:
         """Motion that enters through a face, with its stages."""
-        config = self.config
-        if config.signature is None:
-            return None
-        signature, firing = self.signature, self.firing
-        with named_error(f"{self.path.name}: input"):
-            cavity, shifts = config.signature.cavity, None
-            if cavity is not None:
-                shifts = shifts_of(config.blast, self.blast, cavity.receiver_m, cavity.hole_m)
-            fronts = wave_fronts(self)
-            if fronts is not None:
-                corner = config.input.low_pass_hz
-                return opposite_input(signature, firing, corner, fronts, self.blast)
-            return make_input(signature, firing, config.input.low_pass_hz, shifts)
+        return self.shots[0].input
 
-    @_part
+    @property
     def inside(self) -> Inside:
-        """Return the histories of all sources beside a motion on a face."""
-        with named_error(self.path.name):
-            return read_inside(self, lambda: carried_frequency(self, self.mesh))
-
-    @_part
-    def motions(self) -> tuple[Seismogram, ...]:
-        """Input motions for their frequency content: of the face, of each kind of source."""
-        face = () if self.input is None else (self.input.motion,)
-        return (*face, *self.inside.motions)
+        """Time functions of all sources beside a motion on a face."""
+        return self.shot.inside
 
     @property
     def lead(self) -> float:
         """Time from the start of the run to the first firing [s]."""
-        return self._lead(self.inside)
-
-    def _lead(self, inside):
-        """Return the time in s from the start of a run of such sources to the first firing."""
-        face = 0.0 if self.input is None else self.input.motion.start
-        return max(0.0, -face, -inside.start)
+        return self.shot.lead
 
     @property
     def duration(self) -> float:
         """Duration of the run [s]: the lead and the given duration after the first firing."""
-        return self.lead + self.config.run.duration_s
+        return self.shot.duration
 
     @cached_property
     def ground(self) -> Ground:
@@ -269,7 +231,7 @@ class Project:
     def _mesh_ground(self):
         """Build the mesh of the ground, not split."""
         config = self.config
-        received = config.receivers or "receivers" in self.given
+        received = config.receivers or self.survey.receivers is not None
         moments = bool(config.holes_inside or config.moment_tensors)
         near = bool((moments or config.point_forces) and received)
         stations = Stations(positions_of(self), self.reach, moments, near)
@@ -287,7 +249,7 @@ class Project:
 
     def _top(self):
         """Return the frequency in Hz that the blast asks a mesh to carry, if it does."""
-        return blast_frequency(self)
+        return self.shots[0].asked_frequency
 
     def for_band(self, highest: float, accuracy: float = OF_FITS) -> MeshConfig:
         """Return the table of the mesh on which records are fitted up to a frequency in Hz.
@@ -304,6 +266,12 @@ class Project:
         """Return the table of a mesh with another error over that of the mesh, if there is one."""
         frequency = sized_by_blast(self.ground, self._top).frequency
         return sizes_for_error(self.ground, self.meshed.mesh, frequency, error)
+
+    def suited(self, finer: bool = False) -> "Project":
+        """Return the project with zones that its laws allow, finer ones if that is wanted."""
+        mesh = with_laws(self.config.mesh, self.materials)
+        project = self if mesh is self.config.mesh else self.changed(mesh=mesh)
+        return project.changed(mesh=project.refined(BETTER)) if finer else project
 
     @property
     def as_built(self) -> tuple[Row, ...]:
@@ -329,25 +297,31 @@ class Project:
             mesh = mesh.split([joint.surface for joint in self.joints])
             return with_damaged_material(self.config.ground, self.blast, mesh)
 
-    @_part
+    @property
+    def stations(self) -> tuple[Receiver, ...]:
+        """Receivers as they are stated, those without height not placed on the ground."""
+        stated = self.survey.receivers
+        return make_receivers(self.config.receivers) if stated is None else stated
+
+    @cached_property
     def receivers(self) -> tuple[Receiver, ...]:
         """Receivers; those without height stand on the surface."""
         return self._receivers_in(self.mesh)
 
     def _receivers_in(self, mesh):
-        """Return the receivers of the file in a mesh."""
+        """Return the receivers in a mesh."""
         with named_error(self.path.name):
-            return place_receivers(self.config.receivers, mesh)
+            return placed(self.stations, mesh)
 
     @property
     def sources(self) -> tuple:
         """All sources in the mesh; their time 0 is `lead` before the first firing."""
-        return self._sources_in(self.mesh, self.inside)
+        return self._sources_in(self.mesh, self.shot)
 
-    def _sources_in(self, mesh, inside):
-        """Return sources of such time functions in a mesh."""
+    def _sources_in(self, mesh, shot):
+        """Return the sources of a blast in a mesh."""
         with named_error(self.path.name):
-            return place_sources(inside, self.config, self.blast, mesh, self._lead(inside))
+            return place_sources(shot, mesh)
 
     @property
     def absorbing_layer(self) -> SpongeLayer | None:
@@ -365,16 +339,14 @@ class Project:
                 check_absorbing_layer(layer, mesh, positions)
         return layer
 
-    @_part
+    @cached_property
     def records(self) -> dict[str, Recording]:
-        """Return the records by receiver, in the components of the simulated seismograms."""
+        """Records of the first blast by receiver, in the components of simulated seismograms."""
+        axes = {part.name: (part.azimuth, part.normal) for part in self.stations}
         records = {}
-        for part in self.config.receivers:
-            if part.recorded is not None:
-                with named_error(f"{self.path.name}: receivers.{part.name}.recorded"):
-                    records[part.name] = like_simulated(
-                        part, read_record(part.recorded, self.folder, self.log)
-                    )
+        for name, record in self.survey.recordings[self.name].items():
+            with named_error(f"{self.path.name}: receivers.{name}.recorded"):
+                records[name] = like_simulated(record, *axes[name]) if name in axes else record
         return records
 
     @property
@@ -383,28 +355,18 @@ class Project:
         return {name: record.seismogram for name, record in self.records.items()}
 
     @property
-    def low_pass(self) -> float | None:
-        """Corner in Hz of the causal low-pass of all that enters, None without, 0 where some is."""
-        corners = {self.inside.low_pass} if self.inside.moment_rate is not None else set()
-        if self.input is not None:
-            corners.add(self.config.input.low_pass_hz)
-        if set(self.inside.named) - {"moment_rate"}:
-            corners.add(None)
-        return corners.pop() if len(corners) == 1 else 0.0
-
-    @_part
     def compared_band(self) -> tuple[float, float] | None:
-        """Band in Hz in which a fit compares records, None for all."""
-        band = self.config.run.compare_band_hz
+        """Band in Hz in which records are compared, None for all."""
+        band = self.survey.band or self.config.run.compare_band_hz
         return None if band is None else (band[0], band[1])
 
-    @_part
+    @cached_property
     def comparable(self) -> dict[str, Recording]:
         """Return records to set beside simulated motion, low-passed like what enters."""
         compared = {}
         for name, record in self.records.items():
             with named_error(f"{self.path.name}: receivers.{name}.recorded"):
-                compared[name] = record.filtered_like(self.low_pass)
+                compared[name] = record.filtered_like(self.shot.low_pass)
         return compared
 
     def simulate(
@@ -445,7 +407,7 @@ class Project:
 
     def simulated(self, motion: Mapping[str, Seismogram]) -> dict[str, Seismogram]:
         """Return seismograms of a run of the model from the first firing, with their low-pass."""
-        corner = self.low_pass
+        corner = self.shot.low_pass
         return {
             name: replace(each, start=each.start - self.lead, low_passed=corner)
             for name, each in motion.items()
@@ -464,36 +426,27 @@ class Project:
         corner = "none" if corner is None else float(corner)
         table = table.model_copy(update={"low_pass_hz": corner})
         config = self.config.model_copy(update={"holes_inside": table})
-        return replace(self, config=config, given=self._known)
+        shots = replace(self.shot, config=config), *self.shots[1:]
+        return replace(self, config=config, survey=replace(self.survey, shots=shots))
 
-    def having(self, **parts: Any) -> "Project":
-        """Return the project with other parts in place of those of the file; the rest stays."""
-        return replace(self, given={**self._known, **parts})
-
-    @property
-    def _known(self) -> dict[str, Any]:
-        """Parts that were given or are computed."""
-        return {**self.given, **{k: v for k, v in vars(self).items() if k in PARTS}}
+    def compared_in(self, band: tuple[float, float] | None) -> "Project":
+        """Return the project with another band in Hz in which records are compared."""
+        return replace(self, survey=replace(self.survey, band=band))
 
     @cached_property
     def model(self) -> Model:
         """Model with all that enters; its time 0 is `lead` before the first firing."""
-        return self._assembled(self.mesh, self.inside, self.receivers)
+        return self._assembled(self.mesh, self.shot, self.receivers)
 
     def _model_on(self, mesh):
         """Return the model on a mesh, not split, that need not be that of the project."""
         mesh = self._split(mesh)
-        with named_error(self.path.name):
-            inside = read_inside(self, lambda: carried_frequency(self, mesh))
-        receivers = self.given.get("receivers") or self._receivers_in(mesh)
-        return self._assembled(mesh, self.given.get("inside") or inside, receivers)
+        return self._assembled(mesh, self._shot_on(lambda: mesh), self._receivers_in(mesh))
 
-    def _assembled(self, mesh, inside, receivers):
-        """Return the model of a mesh, of time functions of sources and of receivers."""
-        config, lead = self.config, self._lead(inside)
-        motion, face = self.input, None if self.input is None else config.input.face
-        entries, waves = [], []
-        if motion is not None:
+    def _assembled(self, mesh, shot, receivers):
+        """Return the model of a mesh, of a blast on it and of receivers."""
+        config, face = self.config, None if shot.input is None else self.config.input.face
+        if face is not None:
             joints = {joint.surface for joint in self.joints}
             outer = [
                 name for name in mesh.surfaces
@@ -502,9 +455,9 @@ class Project:
             if face not in outer:
                 what = f"must be one of {', '.join(outer)}, got {face!r}"
                 raise InputError(f"{self.path.name}: input.face: {what}")
-            entries, waves = self._entry(motion, lead)
-        sources = self._sources_in(mesh, inside)
-        layer = self._layer_in(mesh, inside, receivers)
+        entries, waves = shot.entry()
+        sources = self._sources_in(mesh, shot)
+        layer = self._layer_in(mesh, shot.inside, receivers)
         with named_error(self.path.name):
             refuse_unknown_sides("boundaries.free", config.boundaries.free, mesh)
             welded_surfaces(config.mesh, mesh)
@@ -526,23 +479,13 @@ class Project:
                 sponge=layer,
             )
             model = with_elastic_ground(model, elastic_ground(model, self.core))
-            model = with_injection(model, lead + config.run.duration_s)
+            model = with_injection(model, shot.duration)
             if not config.boundaries.jointed_faces:
                 return model
             pressures = joint_pressures(model)  # joints that close are stiffer under them
             media = jointed_media(config.mesh, self.materials, self.joints, pressures)
             known = make_boundaries(config.boundaries, face, media)
             return replace(model, boundaries=(*known, *entries))
-
-    def _entry(self, motion, lead):
-        """Return boundaries and plane waves by which the motion enters."""
-        config, fronts, moving = self.config.input, wave_fronts(self), motion.motion
-        if fronts is not None:  # each hole by itself
-            alone = Firing(np.zeros(1), np.ones(1))
-            moving = make_input(self.signature, alone, config.low_pass_hz).motion
-            fronts = replace(fronts, times=fronts.times + lead)
-            return make_entry(config, moving, fronts)
-        return make_entry(config, moving.shifted(lead))
 
     @property
     def core(self) -> float | None:
@@ -556,26 +499,21 @@ class Project:
 
     @property
     def blasts(self) -> dict[str, Blast]:
-        """Holes of this blast and of further ones by name; one hole stands for other sources."""
-        return {
-            project.name: project.blast or single_source(project.config)
-            for project in (self, *self.further)
-        }
+        """Holes of all blasts by name; one hole stands for other sources."""
+        return {shot.name: shot.blast or single_source(shot.config) for shot in self.shots}
 
     def of(self, name: str) -> "Project":
         """Return the project of one of the blasts alone, in the ground of this project."""
-        own = next(project for project in (self, *self.further) if project.name == name)
-        tables = {name: getattr(self.config, name) for name in OF_GROUND}
-        config = own.config.model_copy(update=tables)
-        shared = {name: getattr(self, name) for name in OF_ALL}
-        return replace(own, config=config, further=(), **shared)
+        shot = self.survey.shot(name)
+        tables = {table: getattr(self.config, table) for table in OF_GROUND}
+        config = shot.config.model_copy(update=tables)
+        survey = replace(self.survey, shots=(shot,))
+        return replace(self, path=shot.path, config=config, survey=survey)
 
-    def firing_as(self, blast: Blast) -> "Project":
-        """Return the project of one blast with another; the moment rate of 1 kg stays."""
-        given = {key: part for key, part in self.given.items() if key not in ("inside", "input")}
-        fired = replace(self, given={**given, "blast": blast})
-        fired.given["inside"] = replace(self.inside, firing=fired.firing)
-        return fired
+    @property
+    def held_shots(self) -> tuple[Shot, ...]:
+        """All blasts with their sources as they are on the mesh of this project."""
+        return tuple(self.of(shot.name).shot for shot in self.shots)
 
     def changed(
         self,
@@ -589,7 +527,6 @@ class Project:
         surface: np.ndarray | None = None,
         blasts: dict[str, Blast] | None = None,
         receivers: Iterable[Receiver] | None = None,
-        records: dict[str, dict[str, Recording]] | None = None,
     ) -> "Project":
         """Return the project with other parts; what the sources do stays as it is.
 
@@ -606,8 +543,6 @@ class Project:
             Surveyed top surface, in place of ``mesh.surface_file``.
         blasts : dict of str to Blast, optional
         receivers : sequence of Receiver, optional
-        records : dict of str to dict of str to Recording, optional
-            By blast and receiver.
         """
         parts = {"materials": materials, "joints": joints, "fields": fields}
         parts = {key: value for key, value in parts.items() if value is not None}
@@ -617,33 +552,22 @@ class Project:
         parts["config"] = self.config.model_copy(update=tables)
         if surface is not None:
             parts["terrain"] = surface
-        every = [self, *self.further]
+        survey = self.survey
+        if materials is not None or blasts is not None:
+            survey = replace(survey, shots=self.held_shots)
         if blasts is not None:
-            every = [each.firing_as(blasts[each.name]) for each in every if each.name in blasts]
+            fired = [replace(s, fired=blasts[s.name]) for s in survey.shots if s.name in blasts]
+            survey = replace(survey, shots=tuple(fired))
         if receivers is not None:
-            every = [replace(e, given=e.given | {"receivers": tuple(receivers)}) for e in every]
-        if records is not None:
-            every = [
-                replace(e, given=e.given | {"records": records.get(e.name, {})}) for e in every
-            ]
-        if materials is not None:
-            every = [
-                replace(e, given=e.given | {name: getattr(e, name) for name in ENTERS})
-                for e in every
-            ]
-        shared = {name: getattr(self, name) for name in OF_ALL}
-        return replace(every[0], further=tuple(every[1:]), **shared | parts)
+            survey = replace(survey, receivers=tuple(receivers))
+        return replace(self, survey=survey, **parts)
 
-    @cached_property
+    @property
     def input_files(self) -> dict[str, str]:
         """SHA-256 of the project file and of every file that it names."""
-        names = [*[self.path.name] * self.path.is_file(), *named_files(self.config)]
-        files = {name: (self.folder / name).read_bytes() for name in names}
-        return {name: hashlib.sha256(data).hexdigest() for name, data in files.items()}
+        return self.shots[0].input_files
 
 
-ENTERS = "inside", "signature", "input"
-OF_ALL = "materials", "joints", "fields", "terrain", "span", "meshes"
 OF_GROUND = "mesh", "boundaries", "absorbing_layer", "ground", "damping", "insitu"
 SHARED = (
     "mesh", "materials", "joints", "boundaries", "absorbing_layer", "ground", "damping", "insitu",
@@ -668,7 +592,9 @@ def with_further(project: Project) -> Project:
                     f"{each.path.name}: {key}: differs from {project.path.name}; blasts that are "
                     "diagnosed together share their ground and the moment rate of 1 kg"
                 )
-    return replace(project, further=every[1:])
+    first = project.shots[0]
+    shots = [replace(each.shots[0], read=first.read, log=first.log) for each in every[1:]]
+    return replace(project, survey=replace(project.survey, shots=(first, *shots)))
 
 
 def load_project(path, full=False, ground=True) -> Project:
@@ -695,24 +621,22 @@ def load_project(path, full=False, ground=True) -> Project:
     return make_project(read_config(path, full, ground), path)
 
 
-def make_project(config, path, given=None) -> Project:
+def make_project(config, path) -> Project:
     """Make a `Project` from a checked `Config`; other files are relative to ``path``.
 
     Parameters
     ----------
     config : Config
     path : path
-    given : dict of str to object, optional
-        Parts that replace those of the file.
     """
     path = Path(path)
     with named_error(path.name):
         materials, joints = make_materials(config), make_joints(config)
-    return Project(path, config, materials, joints, path.stem, given=dict(given or {}))
+    shot = Shot(path, config, materials, path.stem)
+    return Project(path, config, materials, joints, Survey((shot,)), log=shot.log)
 
 
 CHEAP = {"joints", "damping"}
-PARTS = {name for name, value in vars(Project).items() if isinstance(value, _part)}
 
 
 def vary(project: Project, changes: dict[str, float]) -> Project:
@@ -733,7 +657,6 @@ def vary(project: Project, changes: dict[str, float]) -> Project:
     Raises InputError if a path names no number, or a value breaks a rule of the project file.
     """
     config = check_config(changed_tables(project.config, changes), project.path.name)
-    known = project._known
     tables = {
         table
         for table in Config.model_fields
@@ -741,15 +664,11 @@ def vary(project: Project, changes: dict[str, float]) -> Project:
     }
     others = {"materials"} if project.ground.sized_by_speeds else set()
     others |= {"blast", "materials"} if config.ground.damaged_zone else set()
-    of_receivers = {"mesh", "ground", "receivers", *others}
-    reused = set() if tables & of_receivers else {"receivers"}
-    reused |= set() if "receivers" in tables else {"records"}
+    varied = make_project(config, project.path)
     if tables <= CHEAP:
-        reused |= {"blast", "firing", "signature", "input", "inside"}
-    known = project._known
-    given = {name: known[name] for name in reused if name in known}
-    if "compared_band" in project.given:  # not that of the file: what a mesh carries
-        given["compared_band"] = project.given["compared_band"]
-    varied = make_project(config, project.path, given)
+        shot = replace(project.shot, config=config)
+    else:
+        shot = replace(varied.shots[0], log=project.log, read=project.shots[0].read)
+    survey = replace(project.survey, shots=(shot,))
     meshes = {} if tables & others else project.meshes
-    return replace(varied, meshes=meshes, span=project.reach)
+    return replace(varied, survey=survey, meshes=meshes, span=project.reach)

@@ -24,8 +24,7 @@ from ..solver.moment_density import source_radii
 from ..solver.preparation import versions
 from ..units import plain_number
 from . import level
-from .inputs import input_band
-from .places import blast_table, house_positions, source_names, undamped_plane
+from .places import blast_table, extent_of, house_positions, source_names, undamped_plane
 from .validity import band_of, validity
 
 KIND = "result"
@@ -246,10 +245,12 @@ def summarise_run(project, checked, run, simulated, comparisons):
         "joints": joint_tables(project),
         "input": None if project.input is None else input_table(project),
         "sources": source_summary(project),
-        "band": band.table() | {"input_hz": input_band(project), "low_pass_hz": project.low_pass},
+        "band": band.table()
+        | {"input_hz": project.shot.highest_frequency, "low_pass_hz": project.shot.low_pass},
         "limit_curves": list(project.config.run.limit_curves),
         "blast": None if blast is None else blast_table(project.blast),
         "undamped": undamped_plane(project),
+        "extent": extent_of(project),
         "houses": house_positions(project),
         "instruments": {
             part.name: instrument_table(project.records[part.name], vars(part.recorded))

@@ -9,12 +9,13 @@ from scipy.spatial import KDTree
 from ..errors import Finding, InputError
 from ..mesh.mesh import zone_edge_lengths
 from ..signals.spectra import highest_frequency
+from ..sources.inside import LEAST_PEAK, NEARLY, held_shares
 from ..units import plain_number
-from .inputs import LEAST_PEAK, NEARLY, held_shares, input_band, unfiltered
 from .places import normal_axis, radiating_positions
 from .project import Project
 
 LEAST_ENERGY = 0.95  # share of the blast's motion that a run has to hold
+HELD = 1.0 / 3.0  # share of the peak of the blast, below which a run is of another blast
 LEAST_SPAN = 1.5  # highest over lowest frequency of a band in which records can be compared
 SAMPLES = 200  # along the way to a receiver
 THIN = 8.0  # layers thinner than a wavelength over this move as one
@@ -59,6 +60,11 @@ class Band:
     limited_by: str
     energy_share: float
     peak_share: float
+
+    @property
+    def of_its_blast(self) -> bool:
+        """Whether the run holds enough of its blast to be one of it, in whatever band."""
+        return self.peak_share >= HELD and self.energy_share >= HELD**2
 
     @property
     def complete(self) -> bool:
@@ -142,7 +148,7 @@ def _least(project: Project, zones, points):
 
 def band_of(project: Project) -> Band:
     """Return the band of the run of a project beside that of its blast."""
-    before, after = unfiltered(project), project.motions
+    before, after = project.shot.unfiltered, project.shot.motions
     needed = max(highest_frequency(motion) for motion in before)
     rows = validity(project)
     if rows:
@@ -179,7 +185,7 @@ def carried_band(
         If they carry nothing of the band.
     """
     low = 1.0 / min(project.config.run.duration_s for project in projects)
-    top = max(input_band(project) for project in projects)
+    top = max(project.shot.highest_frequency for project in projects)
     low, top = (low, top) if band is None else band
     rows = [(row, each) for each in projects for row in validity(each) if row.name in names]
     row, project = min(rows, key=lambda pair: pair[0].carried)
@@ -208,7 +214,8 @@ def band_finding(project: Project, band: Band, seconds: float | None = None) -> 
     """D40: a run that holds less than the band of its blast; None where it holds it.
 
     ``seconds`` are those of the run, where they are known. It fails no project that states the
-    band of its comparison, and whose mesh carries that.
+    band of its comparison, whose mesh carries that, and whose run holds a third of the peak and a
+    ninth of the energy of its blast.
     """
     if band.complete:
         return None
@@ -223,12 +230,25 @@ def band_finding(project: Project, band: Band, seconds: float | None = None) -> 
         f"It holds motion up to {plain_number(band.carried)} Hz{filtered}, the blast has motion up "
         f"to {plain_number(band.needed)} Hz: {100 * band.energy_share:.2g} % of the energy and "
         f"{100 * band.peak_share:.2g} % of the peak of what enters are in the run. '"
-        f"{band.limited_by}' decides that.{_price(project, band, seconds)} Peaks are those of "
+        f"{band.limited_by}' decides that.{_steep_front(project)}"
+        f"{_price(project, band, seconds)} Peaks are those of "
         f"motion below {plain_number(band.carried)} Hz; frequencies and limits are not compared.",
-        failed=compared is None or NEARLY * compared[1] > band.carried,
+        failed=compared is None or NEARLY * compared[1] > band.carried or not band.of_its_blast,
         numbers={"carried": band.carried, "needed": band.needed, "energy": band.energy_share,
          "peak": band.peak_share},
     )  # fmt: skip
+
+
+def _steep_front(project: Project):
+    """Return a sentence on a pulse by the time of its peak, whose front holds high frequencies."""
+    inside = project.config.holes_inside
+    hole = None if inside is None else inside.charged_hole
+    if hole is None or hole.peak_time_ms is None:
+        return ""
+    return (
+        f" A pulse by peak_time_ms = {plain_number(hole.peak_time_ms)} has the front of a cavity: "
+        "frequency_hz in its place gives one of the frequency of records."
+    )
 
 
 def _price(project: Project, band, seconds):

@@ -63,7 +63,7 @@ _DATES = (
 )  # fmt: skip
 
 
-LOW_PASSED = "# sources low-passed (Bessel of order 4; forward only); -3 dB at Hz: "
+LOW_PASSED = "# sources low-passed (Bessel of order 4; without delay); -3 dB at Hz: "
 
 
 class TextFormat(NamedTuple):

@@ -5,8 +5,9 @@ import numpy as np
 from ..project.result import plain, write_text
 from . import figures
 from .figures import INK, SIMULATED
+from .pages import page
 from .plots import axis_of, dots, line, page_plot, panel
-from .run import page, with_waveforms
+from .run import with_waveforms
 from .survey_design import best_candidates, result_figures, slip_lines, survey_figure, survey_lines
 
 MOST_HELD = 4  # held properties listed for a parameter
@@ -121,7 +122,7 @@ def points_figure(parameters, points, misfits, unit) -> dict:
 SPECTRUM_TOP = 40.0
 
 
-def write_search_report(path, summary, confirmed):
+def write_search_report(path, summary, confirmed, scene):
     """Write the page of a back-analysis.
 
     Parameters
@@ -131,6 +132,8 @@ def write_search_report(path, summary, confirmed):
         Of `summarise_search`.
     confirmed : dict of str to Confirmed
         Full runs of the best point, by blast; none where they could not be run.
+    scene : dict
+        Of `view.scene`, of the project.
     """
     plan, trace = summary["plan"], summary["trace"]
     points, misfits = (np.array(trace[name]) for name in ("points", "misfits"))
@@ -148,6 +151,7 @@ def write_search_report(path, summary, confirmed):
             line for name, blast in summary["blasts"].items() for line in slip_lines(name, blast)
         ],
         figures=rows,
+        scene=scene,
         waves=waves,
     )
     write_text(path, text)

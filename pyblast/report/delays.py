@@ -6,8 +6,8 @@ from ..blasts.blast import CHARGE_WINDOW
 from ..project.result import plain, write_text
 from ..units import plain_number
 from .figures import INK, SIMULATED
+from .pages import page
 from .plots import axis_of, dots, line, page_plot, panel, segments
-from .run import page
 
 
 def delay_lines(table) -> list[str]:

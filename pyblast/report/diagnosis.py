@@ -27,7 +27,7 @@ from ..errors import contained
 from ..ground.tables import quality_of
 from ..inference.likelihood import ENERGY_SHARE, MESH_SHARE
 from ..project.result import plain, write_text
-from ..units import FACTORS
+from ..units import FACTORS, plain_number
 from .diagnosis_figures import (
     BEFORE,
     Diagnosed,
@@ -39,7 +39,8 @@ from .diagnosis_figures import (
     ranking_figure,
     time_frequency_figure,
 )
-from .run import page
+from .pages import page
+from .view import scene
 
 COMPONENTS = ("east", "north", "up")
 MEANINGS = {
@@ -110,6 +111,7 @@ def _parts(diagnosis, summary, failures):
         "parameters": lambda: parameter_rows(fit),
         "calibration": lambda: calibration_rows(summary),
         "assumptions": lambda: assumptions(diagnosis, summary),
+        "scene": lambda: _scene(diagnosis),
     }
     figures = {
         "maps": (
@@ -493,6 +495,17 @@ def _map_figures(diagnosis, summary) -> Iterator[Figure]:
             targets=targets, points=points, diagnosed=diagnosed,
         ),
     )  # fmt: skip
+
+
+def _scene(diagnosis):
+    """Return the view of the project, its receivers with their misfit."""
+    case, shown = diagnosis.search.scene.case, scene(diagnosis.search.scene.case.project)
+    for title, fit in fits_shown(diagnosis).items():
+        for name, misfit in zip(case.receivers, means(fit.chi_square, 0), strict=True):
+            receiver = shown["receivers"][name]
+            receiver["rows"].append((f"misfit {title}", plain_number(misfit)))
+            receiver["over"] = bool(misfit >= MATERIAL)
+    return shown
 
 
 def _diagnosed(diagnosis):

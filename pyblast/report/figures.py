@@ -4,19 +4,17 @@ import base64
 import io
 import warnings
 from html import escape
-from math import ceil, cos, radians, sin
+from math import ceil
 
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import LineCollection, PolyCollection
-from matplotlib.colors import LogNorm, hsv_to_rgb, rgb_to_hsv, to_rgb
+from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from matplotlib.text import Text
-from matplotlib.ticker import MaxNLocator
-from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
 from ..mesh import tetrahedra
-from ..mesh.faces import face_vectors, pair_faces, zone_faces
+from ..mesh.faces import pair_faces, zone_faces
 from ..signals.comparison import Comparison
 from ..signals.seismogram import Seismogram
 from ..signals.spectra import dominant_frequency, smoothed_spectrum, zero_crossing_frequency
@@ -24,13 +22,8 @@ from .plots import axis_of, dots, line, page_plot, panel
 
 _TRIANGLE_EDGES = np.array([[0, 1], [1, 2], [2, 0]])
 NUDGE = 1.2345e-5
-EYE = 28.0, -122.0  # degrees, height and azimuth from east to north
 ENERGY_UNITS = (1e-9, "GJ"), (1e-6, "MJ"), (1e-3, "kJ"), (1.0, "J")
 LEAST_SHOWN = 1e-4  # of the largest energy, below which terms are not drawn
-_TOWARDS_THE_EYE = np.array([
-    cos(radians(EYE[0])) * cos(radians(EYE[1])), cos(radians(EYE[0])) * sin(radians(EYE[1])),
-    sin(radians(EYE[0])),
-])  # fmt: skip
 
 
 def section_of_zones(points, zones, north):
@@ -286,52 +279,6 @@ def _draw_receivers(axes, summary, points):
                 "", (low[0], height), (low[0] - 0.06 * (high[0] - low[0]), height),
                 arrowprops={"arrowstyle": "->", "color": SIMULATED},
             )  # fmt: skip
-
-
-def blocks_figure(result):
-    """Draw the blocks seen from the south-west and above, each in a shade of its material."""
-    mesh = result.arrays["mesh"]
-    triangles, zone = outer_skin(mesh["points"], mesh["zones"])
-    seen = face_vectors(mesh["points"], triangles) @ _TOWARDS_THE_EYE > 0.0
-    triangles, zone = triangles[seen], zone[seen]
-    figure = _figure(9.6, 6.0)
-    axes = figure.add_subplot(projection="3d")
-    colours = _block_colours(result, zone)
-    light = _shading(mesh["points"][triangles])
-    faces = Poly3DCollection(
-        mesh["points"][triangles], facecolors=colours * light[:, None], edgecolors="none",
-        antialiased=False,
-    )  # fmt: skip
-    axes.add_collection3d(faces)
-    low, high = mesh["points"].min(axis=0), mesh["points"].max(axis=0)
-    axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
-    axes.set_box_aspect(high - low, zoom=1.15)
-    axes.view_init(elev=EYE[0], azim=EYE[1])
-    axes.set_xlabel("east [m]")
-    axes.set_ylabel("north [m]")
-    axes.set_zlabel("height [m]")
-    axes.tick_params(labelsize=7)
-    for axis, span in zip((axes.xaxis, axes.yaxis, axes.zaxis), high - low, strict=True):
-        axis.set_major_locator(MaxNLocator(max(2, round(7 * span / max(high - low)))))
-    return _uri(figure)
-
-
-def _block_colours(result, zone):
-    """Return the colour (n, 3) of each zone: its material, lighter or darker by block."""
-    groups, blocks = result.arrays["zones"]["group"][zone], result.arrays["zones"]["block"][zone]
-    base = rgb_to_hsv(np.array([to_rgb(c) for c in GROUND]))[groups % len(GROUND)]
-    shade = np.random.default_rng(0).permutation(np.linspace(-1.0, 1.0, int(blocks.max()) + 1))
-    base[:, 2] = np.clip(base[:, 2] * (1.0 + 0.2 * shade[blocks]), 0.0, 1.0)
-    base[:, 0] = (base[:, 0] + 0.015 * shade[blocks]) % 1.0
-    return hsv_to_rgb(base)
-
-
-def _shading(corners):
-    """Return how bright each triangle (n, 3, 3) is, lit from the south-west."""
-    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    normal /= np.linalg.norm(normal, axis=1)[:, None]
-    sun = [-cos(radians(55.0)) * 0.5, -cos(radians(55.0)), sin(radians(55.0))]
-    return 0.72 + 0.28 * np.abs(normal @ sun) / np.linalg.norm(sun)
 
 
 def energy_figure(energy, lead, layered=False) -> dict:

@@ -11,7 +11,7 @@ from ..line_records.shots import ShotGather
 from ..line_records.waves import Picks, rayleigh_speeds
 from ..project.result import write_text
 from .figures import FAULT, INK, RECORDED, SIMULATED, _figure, _tidy, _uri
-from .run import page
+from .pages import page
 
 FOUND = {
     "NAMED": "found",

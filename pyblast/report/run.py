@@ -2,11 +2,9 @@
 
 import math
 from dataclasses import replace
-from importlib import resources
 from pathlib import Path
 
 import numpy as np
-from jinja2 import Environment, FunctionLoader, StrictUndefined
 
 from ..blasts.compliance import ORIENTATION, explain, share_at_level, unsigned
 from ..project.result import Result, plain, write_text
@@ -14,7 +12,8 @@ from ..signals.comparison import load_limits
 from ..units import plain_number
 from . import figures, maps
 from .figures import limits_figure
-from .plots import tables
+from .pages import page
+from .view import scene
 
 SPECTRUM_TOP = 40.0
 FIGURE = "title", "caption", "tables", "image"
@@ -47,6 +46,7 @@ def render(result: Result) -> str:
         compliance=summary.get("compliance") or NOTHING_LIMITED,
         curves=load_limits(),
         explain=explain,
+        scene=scene(result),
         figures=rows,
         severities=_by_severity(summary["findings"]),
         waves=waves,
@@ -191,24 +191,6 @@ def _by_severity(findings):
     return groups
 
 
-def page(name):
-    """Return the template of a page, which escapes every name that users give."""
-    here = resources.files("pyblast.report") / "templates"
-    loader = FunctionLoader(lambda part: here.joinpath(part).read_text(encoding="utf-8"))
-    environment = Environment(
-        loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True
-    )
-    environment.filters |= {
-        "number": shown_number,
-        "scaled": shown_in_unit,
-        "angle": angle,
-        "plain": plain_number,
-        "share": share_of_limit,
-        "tables": tables,
-    }
-    return environment.get_template(name)
-
-
 def _figures(result):
     """Return the figures (title, caption, names of assumed tables, image), and all waveforms."""
     summary = result.summary
@@ -221,13 +203,6 @@ def _figures(result):
         *_source_figures(result, wide),
         *_section_figures(result),
         *_stereonet_figures(summary),
-        (
-            "Blocks",
-            f"{summary['model']['blocks']} blocks, each in a shade of its material, seen from the "
-            "south-west.",
-            ("mesh",),
-            figures.blocks_figure(result),
-        ),
         (
             "Energy",
             "Energy since the start of the run; the balance closes within "
@@ -471,37 +446,11 @@ def _filter_words(table):
     taken = ", ".join(f"{100 * v:.3g} %" for v in table["removed_energy"] if v is not None)
     return (
         f"{text}, before and after the low-pass at {table['low_pass']:g} Hz (-3 dB), which took "
-        f"{taken} of the energy of the components that move and delays motion by "
-        f"{340.0 / table['low_pass']:.2g} ms."
+        f"{taken} of the energy of the components that move; its delay of "
+        f"{336.0 / table['low_pass']:.2g} ms is taken back."
     )
 
 
 def _assumed_under(assumed):
     """Return a function that lists which assumed keys lie under some tables."""
     return lambda *tables: [key for key in assumed if key.split(".")[0] in tables]
-
-
-def shown_number(value, digits=3):
-    """Show a number with some digits, a dash where there is none."""
-    if value is None or (isinstance(value, float) and math.isnan(value)):
-        return "–"
-    if not isinstance(value, float):
-        return str(value)
-    return plain_number(value, digits) if abs(value) < 1e9 else f"{value:.{digits}g}"
-
-
-def shown_in_unit(value, factor, digits=3):
-    """Show an SI value in another unit, ``factor`` of them per SI unit."""
-    return shown_number(None if value is None else float(value) * factor, digits)
-
-
-def share_of_limit(value):
-    """Show a share of a limit in percent, above 10 as a factor."""
-    if value is None:
-        return "–"
-    return f"{plain_number(value)} ×" if value >= 10.0 else f"{plain_number(100.0 * value)} %"
-
-
-def angle(tangent):
-    """Show the angle in degrees of a tangent."""
-    return shown_number(None if tangent is None else math.degrees(math.atan(tangent)))

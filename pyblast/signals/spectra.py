@@ -254,7 +254,7 @@ def lowpass(seismogram: Seismogram, corner: float = LOW_PASS) -> LowPassed:
     seismogram : Seismogram
         Its end leaves room for the filter.
     corner : float, Hz
-        Bessel of order 4, forward only, -3 dB here: `Seismogram.lowpassed`, causal.
+        Bessel of order 4, -3 dB here, its delay taken back: `Seismogram.lowpassed`, causal.
 
     Returns
     -------

@@ -13,9 +13,7 @@ from ..back_analysis.fit import (
     WORK_OF_BETTER,
     Fit,
     Fitter,
-    Runs,
     on_mesh_of_band,
-    seconds_of_run,
 )
 from ..back_analysis.parameters import range_of, table_of
 from ..back_analysis.search import METHODS, BackAnalysis, confirm, make_target, with_plan
@@ -46,6 +44,7 @@ from ..report.survey_design import (
     summarise_survey,
     write_survey_report,
 )
+from ..report.view import scene
 from ..runs.greens import refuse_what_does_not_superpose
 from ..runs.parallel import input_hash
 from ..signals.comparison import in_common
@@ -136,7 +135,7 @@ def back_analyse(
         tell("writing", 0, 1)
         summary = _write(folder, result, before, table, finished=True)
         try:
-            write_search_report(folder / "report.html", summary, result.confirmed)
+            write_search_report(folder / "report.html", summary, result.confirmed, scene(project))
         except Exception as error:  # a page costs itself alone: values and intervals are written
             result = replace(result, missing=(*result.missing, f"report.html: {error}"))
             _write(folder, result, before, table, finished=True)
@@ -181,9 +180,10 @@ def _fitted(
         trial_log.add([row])
 
     blasts = on_mesh_of_band(target.projects, waves.window.band[1])
-    runs = Runs(blasts, waves.records, waves.window, table.runs, stored, executor, report)
-    fitter = Fitter(runs, target.parameters, progress)
-    (say or silent)(_estimate(fitter, runs))
+    fitter = Fitter(
+        blasts, waves, target.parameters, table.runs, stored, executor, progress, report
+    )
+    (say or silent)(_estimate(fitter))
 
     def written(fit):
         _write(folder, result_of_fit(target, table, fit), before, table, finished=False)
@@ -210,9 +210,9 @@ def result_of_fit(target, table, fit) -> BackAnalysis:
     )  # fmt: skip
 
 
-def _estimate(fitter, runs) -> str:
+def _estimate(fitter) -> str:
     """Return a sentence on how long a fit will take, from the first steps of its model."""
-    each, count = seconds_of_run(runs), fitter.expected
+    each, count = fitter.seconds_of_run(), fitter.expected
     working, better = fitter.expected_by_mesh
     seconds = each * (working + WORK_OF_BETTER * better)
     return (
@@ -477,7 +477,8 @@ def find_moment_rate(
     pulse = spline(np.arange(0.0, 4.0 + 1e-9, 1.0 / (FINE * PER_KNOT)))
     unit = TimeFunction(pulse, dt / FINE)
     inside = replace(project.inside, moment_rate=unit, low_pass=None, unfiltered=None)
-    probe = replace(project, given={**project.given, "inside": inside})
+    survey = replace(project.survey, shots=(replace(project.shot, held=inside),))
+    probe = replace(project, survey=survey)
     refuse_what_does_not_superpose(probe.model)
     run = simulate_model(probe.model, probe.duration, progress=progress)
     motion = probe.simulated(run.seismograms)

@@ -13,7 +13,6 @@ from ..blasts.signature import travel_shifts
 from ..config.config import DelaysConfig
 from ..errors import InputError, named_error
 from ..planning import DelayPlan, FiringScatter, plan_delays, rows_pattern
-from ..project.inputs import make_firing, read_hole
 from ..project.project import Project, load_project
 from ..project.result import write_summary
 from ..project.validity import band_of, validity
@@ -23,6 +22,8 @@ from ..runs.greens import greens_functions
 from ..runs.parallel import input_hash
 from ..signals.comparison import load_limits
 from ..solver.preparation import versions
+from ..sources.recorded import read_hole
+from ..sources.shot import make_firing
 from . import Progress, Say, csv_table, new_folder, silent, write_tables
 
 RESULT, REPORT = "delays.json", "report.html"

@@ -19,7 +19,7 @@ from ..diagnosis.case import Case, case_of
 from ..diagnosis.decision import FINER_MESH, Decision, decide, undecided
 from ..diagnosis.effects import HOLES, Scene, effects_of, predict
 from ..diagnosis.fitting import fit_calibrated
-from ..diagnosis.forward import Forward
+from ..diagnosis.forward import hole_motion, simulation_of
 from ..diagnosis.mistakes import mistakes_of
 from ..diagnosis.search import Search, search
 from ..diagnosis.summary import held_out_blasts, known_so_far, not_computed, summarise_diagnosis
@@ -33,6 +33,7 @@ from ..report.diagnosis import write_diagnosis_report
 from ..runs.parallel import WHOLE, code_hash
 from ..signals.seismogram import Seismogram
 from ..simulation.recipe import BETTER
+from ..simulation.simulation import Simulation
 from ..solver.preparation import versions
 from . import Interrupted, Progress, Say, numbered_folders, result_folder, silent
 
@@ -124,9 +125,9 @@ def diagnose(
     wrong = bool(mistakes) and not correct
     everything = case_of(project)
     report("calibration", 0, 1)
-    case = taught(everything, lambda part: Forward(part, folder, executor))
+    case = taught(everything, lambda part: simulation_of(part, folder, executor))
     scene, finer = prepared(case, folder, executor, failures, wrong, report)
-    forwards = [each for each in (*checks, scene.forward, finer) if each is not None]
+    counted = [each for each in (*checks, scene.simulation, finer) if each is not None]
     if wrong:
         chosen = fit_calibrated(scene)
         done = Search(scene, budget, report, chosen, chosen=chosen)
@@ -140,10 +141,10 @@ def diagnose(
         summary |= {"held_out_blasts": held_out_blasts(everything, scene, decision)}
     summary |= {"not_computed": not_computed(failures)}
     summary |= {
-        "runs": sum(each.runs for each in forwards),
+        "runs": sum(each.runs for each in counted),
         "wall_s": round(time.perf_counter() - began, 1),
-        "kept_runs": sum(each.cached for each in forwards),
-        "kept_s": round(sum(each.cached_s for each in forwards), 1),
+        "kept_runs": sum(each.cached for each in counted),
+        "kept_s": round(sum(each.cached_s for each in counted), 1),
         "seed": seed,
         "budget": budget,
         "corrected": correct,
@@ -159,7 +160,7 @@ def prepared(
     failures: dict | None = None,
     wrong: bool = False,
     progress: Callable = lambda *_: None,
-) -> tuple[Scene, Forward | None]:
+) -> tuple[Scene, Simulation | None]:
     """Calibrate a case and simulate its holes.
 
     Parameters
@@ -177,7 +178,7 @@ def prepared(
     Returns
     -------
     Scene
-    Forward or None
+    Simulation or None
         On the better mesh, None where there is none.
 
     Raises
@@ -188,29 +189,30 @@ def prepared(
         If a run of the reference fails.
     """
     failures = {} if failures is None else failures
-    forward, finer = Forward(case, folder, executor), None
+    simulation, finer = simulation_of(case, folder, executor), None
     if not wrong and case.share is None and case.project.refined(BETTER) is not None:
-        finer = Forward(case, folder, executor, fine=True)  # trusted shots show the mesh's error
+        # trusted shots show the error of the mesh
+        finer = simulation_of(case, folder, executor, finer=True)
     table = case.project.config.diagnosis
     fixed = wrong or case.share is not None or (table is not None and not table.calibrate)
     calibrated = () if fixed else None
     baseline = None
     if finer is not None:
         with contained(failures, FINER_MESH):
-            baseline = calibrate(forward, finer, calibrated)
+            baseline = calibrate(case, simulation, finer, calibrated)
     if baseline is None:
-        finer, baseline = None, calibrate(forward, None, calibrated)
+        finer, baseline = None, calibrate(case, simulation, None, calibrated)
     progress("holes", 0, 1)
     holes = {}
     if not wrong:
         with contained(failures, HOLES):
-            holes = forward.hole_motion(baseline.project)
-    return Scene(forward, baseline, holes, failures), finer
+            holes = hole_motion(simulation, case, baseline.project)
+    return Scene(simulation, baseline, holes, failures), finer
 
 
 def _checking(checks, folder, executor, case):
-    """Return the forward simulation that looks for mistakes in a case, and enter it in a list."""
-    checks.append(Forward(case, folder, executor))
+    """Return the simulation that looks for mistakes in a case, and enter it in a list."""
+    checks.append(simulation_of(case, folder, executor))
     return checks[-1]
 
 
@@ -284,8 +286,8 @@ def _hash_of(file):
     """Return the hash of all files of a case, or of all that a project names."""
     digest = hashlib.sha256()
     try:
-        for project in _blasts(file):
-            digest.update(json.dumps(project.input_files, sort_keys=True).encode())
+        for shot in with_further(load_project(file)).shots:
+            digest.update(json.dumps(shot.input_files, sort_keys=True).encode())
     except ReadError:
         raise
     except OSError as error:
@@ -344,7 +346,7 @@ def predict_file(file, output, summary, holes, path, baseline=False, runs=None):
     effects = () if baseline else effects_of(model)
     motion = predict(case, blast, values, effects, runs or Path(output) / RUNS)
     write_bytes(path, _as_recorded(case, motion))
-    return case.project.low_pass
+    return case.project.shot.low_pass
 
 
 def check_further(file, holes, outputs=(), out=None):
@@ -375,13 +377,8 @@ def check_further(file, holes, outputs=(), out=None):
 
 def _inputs(file):
     """Return the files of a case, or all files of a project and its further blasts."""
-    return [project.folder / name for project in _blasts(file) for name in project.input_files]
-
-
-def _blasts(path):
-    """Return the projects of a project file and of its further blasts."""
-    project = with_further(load_project(path))
-    return project, *project.further
+    shots = with_further(load_project(file)).shots
+    return [shot.folder / name for shot in shots for name in shot.input_files]
 
 
 def _further(case, holes):
@@ -416,8 +413,8 @@ def _check_holes(box, name, blast):
 
 def _as_recorded(case: Case, motion):
     """Return motion as a file with the sampling and the start of the records of the last blast."""
-    last = (case.project, *case.project.further)[-1]
-    first = next(iter(last.records.values())).seismogram
+    last = case.project.shots[-1]
+    first = next(iter(case.project.survey.recordings[last.name].values())).seismogram
     sampling = first.start, case.dt, len(first.velocity)
     whole = np.stack(
         [Seismogram(part.T, case.dt, 0.0).sampled(*sampling).velocity.T for part in motion]
@@ -427,7 +424,7 @@ def _as_recorded(case: Case, motion):
 
 def _channels(case: Case):
     """Return the names of the channels of each receiver in its last record."""
-    tables = [blast.records for blast in reversed((case.project, *case.project.further))]
+    tables = [*case.project.survey.recordings.values()][::-1]
     records = {name: next(t[name] for t in tables if name in t) for name in case.receivers}
     return [
         channel_names(name, record.header.get("channels", {}), case.dt)
@@ -437,7 +434,8 @@ def _channels(case: Case):
 
 def _say_level(project: Project, say: Say) -> None:
     """Say of which blasts the recorded peaks, or those that are expected, are implausible."""
-    for each in (project, *project.further):
+    for shot in project.shots:
+        each = project.of(shot.name)
         for finding in level_findings(each, expected_peaks(each)):
             say(f"{finding.code}: {each.name}: {finding.title}. {finding.text}")
 

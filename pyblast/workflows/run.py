@@ -12,7 +12,6 @@ from ..errors import Finding, InputError, ReadError
 from ..model.model import Model
 from ..project.checks import Check, check
 from ..project.checks_ground import ModelSummary, summarise_model
-from ..project.inputs import input_band
 from ..project.level import CODE as LEVEL
 from ..project.level import (
     Peak,
@@ -49,6 +48,7 @@ from ..report.maps import (
     zone_fields,
 )
 from ..report.run import write_report
+from ..report.view import ModelView
 from ..signals.comparison import Comparison, compare
 from ..signals.response_spectra import response_spectra
 from ..signals.seismogram import GEOGRAPHIC, Seismogram
@@ -139,7 +139,7 @@ def run(
         project = load_project(project, full)
     out = project.folder / "results" if out is None else Path(out)
     tell("input", 0, 1)
-    log.info("%d motions enter, %d records", len(project.motions), len(project.recorded))
+    log.info("%d motions enter, %d records", len(project.shot.motions), len(project.recorded))
     tell("mesh", 0, 1)
     model = project.model
     tell("check", 0, 1)
@@ -160,7 +160,7 @@ def run(
                 resume=checkpoint if goes_on else None,
                 snapshot_times=[t + project.lead for t in project.config.run.snapshots_s],
                 prepared=prepared,
-                peaks_to=input_band(project),
+                peaks_to=project.shot.highest_frequency,
             )
         except KeyboardInterrupt:
             raise Interrupted(
@@ -252,7 +252,7 @@ def _conclude(project: Project, checked: Check, run_: Run, folder: Path) -> Outc
         },
         "contacts": {} if contacts is None else {
             n: getattr(contacts, n) for n in ("joint", "minus", "plus", "normal", "area")
-        },
+        } | {"place": project.model.nodes.points[contacts.minus]},
     }  # fmt: skip
     summary = summarise_run(project, checked, run_, simulated, comparisons)
     summary["seismograms"] = seismogram_heads(groups)
@@ -377,13 +377,19 @@ def write_curves(folder: Path, result: Result) -> None:
 
 
 def write_mesh_files(project: Project, out: str | Path) -> ModelSummary:
-    """Write ``zones.vtu`` and ``joints.vtu`` of a project; return the summary of its model."""
+    """Write ``zones.vtu``, ``joints.vtu`` and the page ``view.html`` of a project's model.
+
+    Returns
+    -------
+    ModelSummary
+    """
     out = Path(out)
     shown = project.model.shown
     mesh = shown.mesh
     fields = {name: values[shown.zone] for name, values in zone_fields(project.model).items()}
     write_zones(out / "zones.vtu", mesh.points, mesh.zones, fields)
     write_joints(out / "joints.vtu", mesh)
+    write_text(out / "view.html", ModelView(project).page())
     return summarise_model(project)
 
 

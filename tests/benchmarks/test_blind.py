@@ -255,7 +255,7 @@ def test_project_files_hold_neither_the_further_blast_nor_the_hidden_receiver(tm
     assert read.joints[0].properties == pytest.approx(site.joints[0].joint.properties)
     rate = read.inside.moment_rate
     np.testing.assert_allclose(rate.values, site.moment_rate.values, rtol=1e-8, atol=1.0)
-    for one in (read, *read.further):
+    for one in map(read.of, read.blasts):
         np.testing.assert_allclose(one.blast.times, site.blasts[one.name].times)
         for n, record in enumerate(one.records.values()):
             np.testing.assert_allclose(

@@ -7,7 +7,7 @@ from functools import cache
 
 import numpy as np
 from small_project import CARRIED, TEXT
-from small_site import BAND, BEFORE, DT, SAMPLES, TABLES, small_site
+from small_site import BAND, BEFORE, DT, SAMPLES, TABLES, of_shots, small_site, with_records
 
 from pyblast.config.config import check_config
 from pyblast.diagnosis.case import case_of
@@ -50,8 +50,8 @@ def case_on(ground):
         return Recording(motion, "", "", None, np.zeros(shape, dtype=bool))
 
     return case_of(
-        project.changed(
-            records={b: {r.name: record() for r in project.receivers} for b in project.blasts}
+        with_records(
+            project, {b: {r.name: record() for r in project.stations} for b in project.blasts}
         )
     )
 
@@ -66,18 +66,12 @@ def site_on(ground):
     if not tables["mesh"]["faults"] and "joint_sets" not in tables["mesh"]:
         tables["joints"] = {}
     config = check_config(tables)
-    given = {
-        k: v for k, v in site.given.items() if k in ("receivers", "inside", "records", "blast")
-    }
-    one, other = (
-        replace(make_project(config, "small.toml", given | {"blast": blast}), name=name)
-        for name, blast in site.blasts.items()
-    )
-    project = replace(one, further=(other,)).changed(blasts=site.blasts)
+    project = make_project(config, "small.toml")
+    project = of_shots(project, site.blasts, site.inside.moment_rate, site.stations)
     if ground == "survey":
-        return project.changed(surface=survey(), receivers=on_slope(site.receivers))
+        return project.changed(surface=survey(), receivers=on_slope(site.stations))
     project = project.changed(
-        receivers=below_bench(site.receivers) if ground == "bench" else site.receivers
+        receivers=below_bench(site.stations) if ground == "bench" else site.receivers
     )
     return project.changed(mesh=project.for_band(BAND[1]))
 
@@ -120,4 +114,4 @@ def through_a_face():
     tables = tomllib.loads(text)
     tables["diagnosis"] = {"noise_window_s": [-BEFORE * DT, 0.0]}
     tables["run"]["compare_band_hz"] = list(BAND)
-    return make_project(check_config(tables), "small.toml", {"records": {}})
+    return make_project(check_config(tables), "small.toml")

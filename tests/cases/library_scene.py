@@ -10,19 +10,20 @@ from small_site import recorded, small_site
 
 import pyblast.diagnosis.library  # noqa: F401  fills the library
 from pyblast.diagnosis.effects import Scene
-from pyblast.diagnosis.forward import Forward
+from pyblast.diagnosis.forward import hole_motion, simulation_of
 from pyblast.diagnosis.hypotheses import LIBRARY
 
 
 @cache
 def scene():
     """Return the small site, believed and true alike, and what its holes send."""
-    forward = Forward(recorded(small_site()))
-    motion = forward.motion(small_site())
-    baseline = SimpleNamespace(project=small_site(), motion=motion)
+    case = recorded(small_site())
+    simulation = simulation_of(case)
+    motion = simulation.motion(small_site())
+    baseline = SimpleNamespace(case=case, project=small_site(), motion=motion)
     there = object.__new__(Scene)  # without the memory of a calibration
-    there.forward, there.baseline = forward, baseline
-    there.holes, there.failures = forward.hole_motion(small_site()), {}
+    there.simulation, there.baseline = simulation, baseline
+    there.holes, there.failures = hole_motion(simulation, case, small_site()), {}
     return there
 
 
@@ -33,8 +34,8 @@ def applied(name, target, site=None, **knobs):
 
 @cache
 def first():
-    """Return the solver for the first blast alone."""
-    return Forward(replace(scene().case, blasts=("S1",)))
+    """Return the simulation of the first blast alone."""
+    return simulation_of(replace(scene().case, blasts=("S1",)))
 
 
 def sent(site):

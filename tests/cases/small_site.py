@@ -5,18 +5,19 @@ from dataclasses import replace
 import numpy as np
 
 from benchmarks.blind.flat_models import Discretization
-from pyblast.blasts.blast import Blast, Firing
+from pyblast.blasts.blast import Blast
 from pyblast.config.config import check_config
 from pyblast.diagnosis.calibration import Baseline, calibrated_parameters, likelihood_of
 from pyblast.diagnosis.case import Case, case_of
 from pyblast.diagnosis.effects import Scene
-from pyblast.diagnosis.forward import Forward
+from pyblast.diagnosis.forward import simulation_of
 from pyblast.model.model import Receiver
 from pyblast.model.source import TimeFunction
-from pyblast.project.inputs import Inside
 from pyblast.project.project import Project, make_project
 from pyblast.recordings.recording import Recording
 from pyblast.signals.seismogram import Seismogram
+from pyblast.sources.inside import Inside
+from pyblast.survey import Survey
 
 CUT = Discretization(30.0, 60.0, 1.3, quadratic=True)
 DT, SAMPLES, BEFORE = 0.004, 100, 50
@@ -32,18 +33,23 @@ def small_site() -> Project:
         "S1": holes([[30.0, 30.0]], [10.0], [0.0]),
         "B1": holes([[30.0, 30.0], [34.0, 36.0], [38.0, 42.0]], [60.0] * 3, [0.0, 0.03, 0.06]),
     }
-    config, first = check_config(TABLES), Firing(np.zeros(1), np.ones(1))
-    given = {
-        "receivers": tuple(Receiver(f"R{n}", place) for n, place in enumerate(places)),
-        "inside": Inside(first, pulse, (), (), (), None),
-        "records": {},
-    }
-    one, other = (
-        replace(make_project(config, "small.toml", {**given, "blast": blast}), name=name)
-        for name, blast in blasts.items()
-    )
-    site = replace(one, further=(other,)).changed(blasts=blasts)
+    receivers = tuple(Receiver(f"R{n}", place) for n, place in enumerate(places))
+    site = of_shots(make_project(check_config(TABLES), "small.toml"), blasts, pulse, receivers)
     return site.changed(mesh=site.for_band(BAND[1]))
+
+
+def with_records(project, tables) -> Project:
+    """Return a project with other recordings, by blast and receiver."""
+    return replace(project, survey=replace(project.survey, recorded=tables))
+
+
+def of_shots(project, blasts, moment_rate, receivers):
+    """Return a project of blasts with one moment rate of 1 kg, without records."""
+    shots = [
+        replace(project.shots[0], name=name, fired=blast, held=Inside(moment_rate))
+        for name, blast in blasts.items()
+    ]
+    return replace(project, survey=Survey(tuple(shots), tuple(receivers), {}))
 
 
 TABLES = {
@@ -79,17 +85,17 @@ def recorded(
 ):
     """Return a case with records of the truth: coloured noise, a share of the peak, added."""
     blank = {
-        blast: {r.name: _recording(np.zeros((BEFORE + SAMPLES, 3))) for r in site.receivers}
+        blast: {r.name: _recording(np.zeros((BEFORE + SAMPLES, 3))) for r in site.stations}
         for blast in site.blasts
     }
     rng = np.random.default_rng(seed)
-    first = site.changed(records=blank)
+    first = with_records(site, blank)
     for some in blank.values():  # a noise window must move
         for one in some.values():
             one.seismogram.velocity.setflags(write=True)
             one.seismogram.velocity[:] = rng.normal(size=one.seismogram.velocity.shape)
     case = case_of(first)
-    motion = Forward(case, fine=fine).motion(truth or site)
+    motion = simulation_of(case, finer=fine).motion(truth or site)
     if change is not None:
         motion = change(motion)
     records = {}
@@ -99,13 +105,13 @@ def recorded(
             quiet = noise * np.abs(motion[0]).max() * _coloured(rng, BEFORE + SAMPLES)
             quiet[BEFORE:] += velocity.T
             records[blast][name] = _recording(quiet)
-    return case_of(site.changed(records=records))
+    return case_of(with_records(site, records))
 
 
 def scene_of(case: Case) -> Scene:
     """Return a case of the small site as if it were calibrated: one run of each blast."""
-    forward = Forward(case)
-    motion = forward.motion(case.project)
+    simulation = simulation_of(case)
+    motion = simulation.motion(case.project)
     times = DT * np.arange(case.n_samples)
     stretched = times * np.gradient(motion, DT, axis=-1)
     unknowns = calibrated_parameters(case.project)
@@ -115,7 +121,7 @@ def scene_of(case: Case) -> Scene:
         motion, slopes, motion, np.zeros_like(motion), likelihood_of(case),
     )  # fmt: skip
     holes = np.stack([motion[0], np.roll(motion[0], 3, axis=-1), 0.5 * motion[0]])
-    return Scene(forward, baseline, {"S1": motion[:1], "B1": holes})
+    return Scene(simulation, baseline, {"S1": motion[:1], "B1": holes})
 
 
 def _coloured(rng, n):

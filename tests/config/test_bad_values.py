@@ -49,8 +49,8 @@ def test_a_plane_wave_needs_motion_along_it(wave, azimuth):
     import numpy as np
 
     from pyblast.config.config import InputConfig
-    from pyblast.project.inputs import make_entry
     from pyblast.signals.seismogram import Seismogram
+    from pyblast.sources.face import make_entry
 
     upright = np.outer(np.hanning(9), [0.0, 0.0, 1.0] if wave == "SH" else [1.0, 0.0, 0.0])
     config = InputConfig(

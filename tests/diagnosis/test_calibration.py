@@ -12,7 +12,7 @@ from pyblast import InputError
 from pyblast.diagnosis.calibration import calibrate, calibrated_parameters, with_values
 from pyblast.diagnosis.effects import Effect, Scene
 from pyblast.diagnosis.fitting import fit
-from pyblast.diagnosis.forward import Forward
+from pyblast.diagnosis.forward import hole_motion, simulation_of
 from pyblast.diagnosis.hypotheses import LIBRARY, hypothesis
 from pyblast.inference.parameter import Parameter
 
@@ -29,9 +29,9 @@ def site():
 def scene(change=None):
     """Return the calibrated small site, and what each of its holes sends."""
     case = recorded(small_site(), site(), change=change)
-    forward = Forward(case)
-    baseline = calibrate(forward)
-    return Scene(forward, baseline, forward.hole_motion(baseline.project))
+    simulation = simulation_of(case)
+    baseline = calibrate(case, simulation)
+    return Scene(simulation, baseline, hole_motion(simulation, case, baseline.project))
 
 
 def late(motion):
@@ -67,7 +67,7 @@ def test_records_in_another_unit_are_refused_before_anything_is_called_missing(u
     case = recorded(small_site(), site(), change=lambda motion: unit * motion)
 
     with pytest.raises(InputError, match="the median ratio of recorded to simulated motion"):
-        calibrate(Forward(case))
+        calibrate(case, simulation_of(case))
 
 
 def test_nothing_is_found_where_nothing_is_hidden():
@@ -96,11 +96,11 @@ def test_a_component_the_wrong_way_round_is_found():
 def test_stored_holes_send_together_what_a_run_of_the_blast_sends():
     blasts = small_site().blasts
     at = replace(blasts["B1"], times=blasts["B1"].times + 0.01)
-    forward, baseline = scene().forward, scene().baseline
-    run = forward.motion(baseline.project.changed(blasts={**blasts, "B1": at}))
+    simulation, baseline = scene().simulation, scene().baseline
+    run = simulation.motion(baseline.project.changed(blasts={**blasts, "B1": at}))
 
     effect = Effect("delay_scatter", "B1", ((0.01,) * 3,))
-    moved = scene().received(forward.motion(baseline.project), (effect,))
+    moved = scene().received(simulation.motion(baseline.project), (effect,))
 
     assert np.abs(moved - run).max() < 0.01 * np.abs(run).max()  # moved in the band of the records
 

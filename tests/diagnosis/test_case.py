@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from small_site import BEFORE, DT, SAMPLES, TABLES, small_site
+from small_site import BEFORE, DT, SAMPLES, TABLES, small_site, with_records
 
 from pyblast.config.config import check_config
 from pyblast.diagnosis.case import case_of
@@ -26,12 +26,7 @@ def site_with(shift):
     )  # fmt: skip
     site = small_site()
     names = [r.name for r in site.receivers]
-    return site.changed(records={b: dict.fromkeys(names, record) for b in site.blasts})
-
-
-def records_of(project):
-    """Return the records by blast and receiver."""
-    return {one.name: one.records for one in (project, *project.further)}
+    return with_records(site, {b: dict.fromkeys(names, record) for b in site.blasts})
 
 
 def record_without(record, count, offset):
@@ -54,10 +49,10 @@ def test_records_between_the_instants_of_the_blast_are_read_at_them(share):
 @pytest.mark.parametrize("offset", [0.0, 1e-3])
 def test_a_channel_that_is_still_before_the_blast_is_dead_only_if_it_stays_so(offset):
     site = site_with(0.0)
-    some = records_of(site)
+    some = site.survey.recordings
     live, up = (record_without(some["S1"]["R0"], count, offset) for count in (BEFORE, None))
     records = {name: {**some[name], "R1": live, "R2": up} for name in site.blasts}
-    plain, case = case_of(site), case_of(site.changed(records=records))
+    plain, case = case_of(site), case_of(with_records(site, records))
 
     assert case.dead == ("R2 up",)
     assert case.valid[:, 1].all()
@@ -67,9 +62,9 @@ def test_a_channel_that_is_still_before_the_blast_is_dead_only_if_it_stays_so(of
 
 def test_a_channel_that_stands_still_in_one_blast_has_no_part_in_that_blast():
     site = site_with(0.0)
-    some = records_of(site)
-    lost = record_without(records_of(site)["B1"]["R1"], None, 1e-3)
-    lame = site.changed(records=some | {"B1": some["B1"] | {"R1": lost}})
+    some = site.survey.recordings
+    lost = record_without(site.survey.recordings["B1"]["R1"], None, 1e-3)
+    lame = with_records(site, some | {"B1": some["B1"] | {"R1": lost}})
     plain, case = case_of(site), case_of(lame)
 
     assert case.dead == ("R1 up in B1",)
@@ -90,16 +85,15 @@ def test_what_enters_is_read_once_whatever_becomes_of_the_ground(monkeypatch):
     }  # fmt: skip
     site, tables = site_with(0.0), check_config({**TABLES, **enters, "holes_inside": None})
     config = {name: getattr(tables, name) for name in ("signature", "input", "holes_inside")}
-    site = replace(
-        site, config=site.config.model_copy(update=config),
-        given={k: v for k, v in site.given.items() if k != "inside"},
-        further=(),
-    )  # fmt: skip
+    config = site.config.model_copy(update=config)
+    shot = replace(site.shots[0], config=config, held=None)
+    site = replace(site, config=config, survey=replace(site.survey, shots=(shot,)))
     project = case_of(site, ["S1"]).project
-    monkeypatch.setattr("pyblast.project.project.make_signature", None)
+    motion, lead = project.input.motion, project.lead
+    monkeypatch.setattr("pyblast.sources.shot.make_signature", None)
 
     finer = project.config.mesh.model_copy(update={"edge_m": 20.0})
     other = project.changed(mesh=finer).of("S1")
 
-    assert other.input.motion is project.input.motion
-    assert other.lead == project.lead
+    assert other.input.motion is motion
+    assert other.lead == lead

@@ -10,7 +10,7 @@ EXAMPLE = Path(__file__).parents[2] / "examples" / "concealed"
 
 def test_the_diagnosis_reads_neither_the_truth_nor_the_blast_that_it_predicts():
     project = with_further(load_project(EXAMPLE / "B2.toml"))
-    read = {name for each in (project, *project.further) for name in each.input_files}
+    read = {name for each in project.shots for name in each.input_files}
 
     assert not {name for name in read if name.startswith(("truth", "further"))}
     assert "truth.toml" not in "".join(

@@ -21,7 +21,7 @@ from pyblast.diagnosis.decision import (
 )
 from pyblast.diagnosis.effects import Effect
 from pyblast.diagnosis.fitting import fit
-from pyblast.diagnosis.forward import Forward
+from pyblast.diagnosis.forward import simulation_of
 from pyblast.diagnosis.hypotheses import LIBRARY
 from pyblast.diagnosis.search import Search, material
 from pyblast.diagnosis.thresholds import MATERIAL, MESH_CHANGE
@@ -145,10 +145,10 @@ def test_an_effect_on_top_of_another_is_fitted_by_fewer_runs_as_well():
     for known in (False, True):
         here = with_holes(scene_of(truth))
         damped = fit(here, (Effect("attenuation_Q", "", ((12.0,),)),))
-        before = here.forward.runs
+        before = here.simulation.runs
         held = damped if known else None
         found.append(fit(here, (*damped.effects, clock), damped.values, base=held))
-        runs.append(here.forward.runs - before)
+        runs.append(here.simulation.runs - before)
     anew, held = found
 
     assert runs[1] <= 0.5 * runs[0]
@@ -166,14 +166,14 @@ def finer(scene, fitted, change):
     """Return what stands for a finer mesh: it adds a change (n_blasts, ...) to what is sent."""
     (sent,) = scene.simulate([(fitted.values, fitted.effects)])
     motion, blasts = sent + change, scene.case.blasts
-    return SimpleNamespace(simulate=lambda pairs: [motion[blasts.index(b)] for _, b in pairs])
+    return SimpleNamespace(motion=lambda _, names: motion[[blasts.index(n) for n in names]])
 
 
 def test_an_answer_that_a_finer_mesh_changes_is_corrected():
     here, none, damped = damped_fits()
     found = Search(here, 400, lambda *_: None, none, [damped], damped)
     ((quality,),) = damped.effects[0].values
-    less = here.forward.motion(damping(3.0 * quality)) - here.forward.motion(damping(quality))
+    less = here.simulation.motion(damping(3.0 * quality)) - here.simulation.motion(damping(quality))
 
     decision = decide(found, finer(here, damped, less))
 
@@ -199,11 +199,11 @@ def test_an_answer_that_a_finer_mesh_leaves_without_evidence_may_be_the_mesh(mon
 def test_what_a_finer_mesh_is_held_against_is_what_was_fitted():
     here, *_ = fits()
     damped = fit(here, (Effect("attenuation_Q", "", ((25.0,),)),))
-    fine, runs = Forward(here.case), here.forward.runs
+    fine, runs = simulation_of(here.case), here.simulation.runs
 
     same, change = on_finer_mesh(here, fine, damped)
 
-    assert here.forward.runs == runs  # the answer was run already, and corrected
+    assert here.simulation.runs == runs  # the answer was run already, and corrected
     assert same is damped
     assert change < 1e-12  # the same zones
 

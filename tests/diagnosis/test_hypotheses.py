@@ -7,7 +7,7 @@ from functools import cache
 import numpy as np
 import pytest
 from small_fits import LOUD, fits
-from small_site import BAND, BEFORE, DT, SAMPLES, recorded, small_site
+from small_site import BAND, BEFORE, DT, SAMPLES, recorded, small_site, with_records
 
 import pyblast.diagnosis.library  # noqa: F401  fills the library
 from pyblast.diagnosis.case import case_of
@@ -45,7 +45,7 @@ def heard(site):
         }
         for blast in site.blasts
     }  # fmt: skip
-    return case_of(site.changed(records=records))
+    return case_of(with_records(site, records))
 
 
 def with_blasts(*names):

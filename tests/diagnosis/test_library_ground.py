@@ -6,12 +6,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from grounds import case_on
-from library_scene import applied, first, scene, sent, shared
+from library_scene import applied, scene, sent, shared
 from scipy import fft
 from small_site import DT, SAMPLES, small_site
 
 from pyblast.config.ground import LayerConfig
-from pyblast.diagnosis.forward import Forward
+from pyblast.diagnosis.forward import simulation_of
 from pyblast.diagnosis.hypotheses import LIBRARY
 from pyblast.diagnosis.library.ground import Fabric
 from pyblast.ground.tables import quality_of
@@ -151,7 +151,7 @@ def test_bare_sites_are_cut_into_the_zones_of_the_effect(name):
 
 def mesh_of(project):
     """Return the mesh on which a project is run."""
-    return Forward(scene().case).model(project, "S1").mesh
+    return simulation_of(scene().case).of(project, "S1").mesh
 
 
 def test_a_closing_joint_is_as_stiff_at_rest_as_it_is_listed():
@@ -229,7 +229,7 @@ def test_fissures_slow_waves_across_them_and_none_change_nothing():
 
 def test_fissures_delay_the_receivers_across_them():
     knobs = {"normal": 0.4, "shear": 0.3}
-    coarse = Forward(first().case)
+    coarse = simulation_of(replace(scene().case, blasts=("S1",)))
     bare = coarse.motion(
         LIBRARY["anisotropy"].mesh_control(small_site(), "", azimuth=0.0, **knobs)
     )[0]
@@ -287,11 +287,12 @@ def test_elastic_ground_may_lose_energy_on_its_own_zones(ground):
 
 def test_loss_along_paths_is_as_large_as_that_by_runs():
     case = case_on("dipping")
-    one = Forward(replace(case, blasts=("S1",)))
+    case = replace(case, blasts=("S1",))
+    one = simulation_of(case)
     before = one.motion(case.project)
     after = one.motion(applied("attenuation_Q", "", case.project, q=25.0))
     formula = LIBRARY["attenuation_Q/along all paths"].apply(
-        SimpleNamespace(case=one.case), before, "", loss=1.0 / 25.0
+        SimpleNamespace(case=case), before, "", loss=1.0 / 25.0
     )
     lost, expected = (case.band.project(each - before) for each in (after, formula))
 

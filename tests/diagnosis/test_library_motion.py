@@ -10,7 +10,7 @@ from scipy import fft
 from small_site import DT, SAMPLES, small_site
 
 from pyblast.diagnosis.effects import Effect, Scene
-from pyblast.diagnosis.forward import Forward
+from pyblast.diagnosis.forward import simulation_of
 from pyblast.diagnosis.hypotheses import LIBRARY
 from pyblast.diagnosis.library import air
 from pyblast.diagnosis.library.air import flat_layers_of, ground_response
@@ -54,7 +54,7 @@ def silenced(n):
 
 def sent_by(site):
     """Return what the last blast of a site sends, (n_receivers, 3, n_samples) m/s."""
-    return Forward(scene().case).simulate([(site, "B1")])[0]
+    return simulation_of(scene().case).motion(site, ["B1"])[0]
 
 
 def test_a_slow_clock_delays_one_receiver():
@@ -220,7 +220,7 @@ def test_the_damage_around_holes_moves_with_them():
     moved = Effect("wrong_coordinates/blast", "B1", ((6.0,), (-4.0,)))
     fields = SimpleNamespace(
         case=SimpleNamespace(project=small_site()), baseline=SimpleNamespace(parameters=()),
-        forward=SimpleNamespace(holds=lambda _: True),
+        simulation=SimpleNamespace(shots=()),
     )  # fmt: skip
 
     here, there = (
@@ -247,6 +247,7 @@ def test_a_hole_that_fires_after_the_record_changes_nothing():
 def replace_case(site):
     """Return the scene with other blasts, whose holes send the same."""
     there = object.__new__(Scene)
-    there.forward = SimpleNamespace(case=replace(scene().case, project=site))
-    there.baseline, there.holes, there.failures = scene().baseline, scene().holes, {}
+    case = replace(scene().case, project=site)
+    there.baseline = SimpleNamespace(**vars(scene().baseline) | {"case": case})
+    there.holes, there.failures = scene().holes, {}
     return there

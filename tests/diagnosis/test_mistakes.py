@@ -5,10 +5,10 @@ from functools import cache, partial
 
 import numpy as np
 import pytest
-from small_site import DT, recorded, small_site
+from small_site import DT, recorded, small_site, with_records
 
 from pyblast.diagnosis.case import case_of
-from pyblast.diagnosis.forward import Forward
+from pyblast.diagnosis.forward import simulation_of
 from pyblast.diagnosis.mistakes import changed_records, mistakes_of
 from verification.mistakes import AT_A_RECEIVER, is_right, rewritten
 
@@ -17,7 +17,7 @@ from verification.mistakes import AT_A_RECEIVER, is_right, rewritten
 def site():
     """Return the small site with records of its own run, and the motion of its reference."""
     case = recorded(small_site(), noise=0.003)
-    return case.project, Forward(case).motion(case.project)
+    return case.project, simulation_of(case).motion(case.project)
 
 
 def found_in(project):
@@ -25,9 +25,15 @@ def found_in(project):
     motion = site()[1]
 
     def simulate(case):
-        forward = Forward(case)
-        forward.motion = lambda _: motion[: len(case.blasts), ..., : case.n_samples]
-        return forward
+        simulation = simulation_of(case)
+        run = simulation.motion
+
+        def known(project, shots=None):  # of the reference
+            sent = motion[: len(case.blasts), ..., : case.n_samples]
+            return sent if shots is None else run(project, shots)
+
+        simulation.motion = known
+        return simulation
 
     return mistakes_of(project, simulate)
 
@@ -57,11 +63,11 @@ def test_a_mistake_at_one_receiver_is_named_and_mended(kind):
 
 def test_exchanged_receivers_are_named_and_put_back():
     right = site()[0]
-    tables = {each.name: dict(each.records) for each in (right, *right.further)}
+    tables = right.survey.recordings
     for table in tables.values():
         table["R0"], table["R3"] = table["R3"], table["R0"]
 
-    (mistake,), mended = found_in(right.changed(records=tables))
+    (mistake,), mended = found_in(with_records(right, tables))
 
     assert (mistake.kind, mistake.target) == ("receivers", "R0 and R3")
     assert same_records(mended, right)
@@ -82,9 +88,9 @@ def test_a_wrong_time_zero_of_a_blast_is_named_and_corrected():
 
 def test_the_records_of_another_blast_are_known_for_a_copy():
     right = site()[0]
-    tables = {each.name: each.records for each in (right, *right.further)}
+    tables = right.survey.recordings
 
-    mistakes, mended = found_in(right.changed(records=tables | {"B1": tables["S1"]}))
+    mistakes, mended = found_in(with_records(right, tables | {"B1": tables["S1"]}))
 
     assert (mistakes[0].kind, mistakes[0].target) == ("copy", "B1")
     assert mended.blasts.keys() == {"S1"}
@@ -111,7 +117,9 @@ def test_a_wrong_plan_of_a_blast_is_named_by_runs_of_others(plan, kind):
         "place": replace(own, collar=own.collar + by, toe=own.toe + by),
     }[plan]
 
-    mistakes, mended = mistakes_of(right.changed(blasts=right.blasts | {"B1": wrong}), Forward)
+    mistakes, mended = mistakes_of(
+        right.changed(blasts=right.blasts | {"B1": wrong}), simulation_of
+    )
 
     assert [(m.kind, m.target) for m in mistakes] == [(kind, "B1")]
     there = mended.blasts["B1"]

@@ -8,8 +8,8 @@ from small_site import recorded, small_site
 
 import pyblast.diagnosis.library  # noqa: F401  fills the library
 from pyblast.diagnosis.effects import Effect, predict
-from pyblast.diagnosis.forward import Forward
 from pyblast.diagnosis.hypotheses import LIBRARY
+from pyblast.simulation.simulation import Simulation
 
 AIR = Effect("air_blast", "", ((800.0,), (0.05,), (340.0,), (1.1,), (1.0,)))
 SOFT = Effect("soft_surface_layer", "", ((5.0,), (0.4,)))
@@ -21,7 +21,7 @@ def test_an_air_blast_moves_the_ground_that_it_was_fitted_on(monkeypatch, effect
     still = np.zeros((1, *case.motion.shape[1:]))
     fitted, none = SimpleNamespace(case=case), np.zeros_like(case.motion)
     moved = LIBRARY["air_blast"].apply(fitted, none, "", **AIR.parameters)
-    monkeypatch.setattr(Forward, "motion", lambda *_: still)
+    monkeypatch.setattr(Simulation, "motion", lambda *_: still)
 
     values = [0.1, -0.1, 0.2, 0.0]
     foretold = predict(case, case.project.blasts["B1"], values, effects)
@@ -31,6 +31,6 @@ def test_an_air_blast_moves_the_ground_that_it_was_fitted_on(monkeypatch, effect
 
 def test_a_site_of_which_nothing_was_calibrated_is_predicted_as_it_is(monkeypatch):
     case = recorded(small_site())
-    monkeypatch.setattr(Forward, "motion", lambda _, project: [project.materials["rock"].cp])
+    monkeypatch.setattr(Simulation, "motion", lambda _, project: [project.materials["rock"].cp])
 
     assert predict(case, case.project.blasts["B1"], [], ()) == pytest.approx(2800.0)

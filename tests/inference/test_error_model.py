@@ -17,7 +17,6 @@ from pyblast.inference.error_model import (
     ErrorModel,
     Level,
     Levels,
-    detected_strength,
 )
 from pyblast.inference.nuisances import Nuisances, shift_columns, transfer_columns
 from pyblast.inference.records import Noise, Records
@@ -276,17 +275,30 @@ def test_draws_without_an_effect_exceed_a_log_bayes_factor_as_rarely_as_it_says(
     assert np.var(square) == pytest.approx(2.0 * size, rel=0.25)
 
 
-def test_a_change_is_detected_at_the_strength_that_is_stated_in_nine_of_ten_cases(shared):
+@pytest.mark.parametrize("level", [SHARED, Level(2e-2, transfer=1e-2), Level(8e-2, transfer=5e-2)])
+@pytest.mark.parametrize("size", [0.1, 1.0])
+def test_a_change_is_detected_at_the_strength_that_is_stated_in_nine_of_ten_cases(
+    shared, level, size
+):
     error, motion, band = shared
-    change, _ = changes_of(motion, band)
-    change = Change(0.1 * change.shapes, True)
-    drawn = error.draws(np.random.default_rng(5), 400, SHARED)
-    length = error.scores(drawn, [change]).length[0][0, 0]
+    error = replace(error, levels=LEVELS)
+    change = Change(size * changes_of(motion, band)[0].shapes, True)
+    draws = (error.draws(np.random.default_rng(seed), 400, level) for seed in (5, 6))
+    stated, others = draws
 
-    strength = detected_strength(length, 10.0)
-    scores = error.scores(drawn + strength * change.shapes, [change])
+    strength = error.scores(stated, [change]).detected_strength(0, 10.0)
+    scores = error.scores(others + strength * change.shapes, [change])
 
     assert np.mean(scores.log_bayes[0] > 10.0) == pytest.approx(0.9, abs=0.05)
+
+
+def test_what_nuisances_explain_is_never_detected(shared):
+    error, _, _ = shared
+    column = np.argmax(np.array(error.nuisances.groups) == "transfer")
+    change = Change(1e-7 * error.nuisances.columns[[column]], True)
+    drawn = error.draws(np.random.default_rng(5), 20, SHARED)
+
+    assert error.scores(drawn, [change]).detected_strength(0, 10.0) == np.inf
 
 
 def test_without_changes_the_evidence_is_that_of_the_error(shared):

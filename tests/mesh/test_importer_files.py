@@ -351,9 +351,7 @@ def test_hexahedra_of_every_format_are_read_and_split(tmp_path, name, turned):
 
 @pytest.mark.parametrize("name", ["m.msh", "m.vtu"])
 def test_zones_of_two_kinds_are_named(tmp_path, name):
-    with pytest.raises(
-        ReadError, match=r"holds quadrangles, hexahedra, prisms; .*one kind of z"
-    ):
+    with pytest.raises(ReadError, match=r"holds quadrangles, hexahedra, prisms; .*one kind of z"):
         read_mesh(hexahedra(tmp_path / name, prism=True))
 
 

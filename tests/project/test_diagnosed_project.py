@@ -8,14 +8,14 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from obspy import UTCDateTime
-from small_site import BAND, BEFORE, DT, SAMPLES, recorded, small_site
+from small_site import BAND, BEFORE, DT, SAMPLES, recorded, small_site, with_records
 
 from benchmarks.blind.case_files import write_case
 from benchmarks.blind.flat_models import flat_box
 from benchmarks.blind.sites import Site, SiteJoint
 from pyblast.diagnosis.calibration import calibrated_parameters, with_values
 from pyblast.diagnosis.case import case_of
-from pyblast.diagnosis.forward import Forward
+from pyblast.diagnosis.forward import holds, hole_motion, simulation_of
 from pyblast.diagnosis.hypotheses import LIBRARY, untestable_labels
 from pyblast.diagnosis.library.ground import not_flat
 from pyblast.errors import InputError
@@ -172,13 +172,13 @@ def test_a_project_file_holds_what_the_small_site_holds(tmp_path):
 
 
 def test_a_project_has_the_records_and_sends_the_motion_of_its_site(tmp_path, monkeypatch):
-    monkeypatch.setattr("pyblast.diagnosis.forward.is_single", lambda _: False)
+    monkeypatch.setattr("pyblast.simulation.simulation.is_single", lambda _: False)
     case = case_of(believed())
     same = case_of(with_further(load_project(written(tmp_path, case.project))))
 
     assert same.n_samples == SAMPLES
     np.testing.assert_allclose(same.motion, case.motion, rtol=1e-9, atol=1e-15)
-    one, other = (Forward(part).simulate([(part.project, "B1")])[0] for part in (case, same))
+    one, other = (simulation_of(part).motion(part.project, ["B1"])[0] for part in (case, same))
     np.testing.assert_allclose(other, one, rtol=1e-6, atol=1e-6 * np.abs(one).max())
 
 
@@ -213,7 +213,7 @@ def test_other_projects_are_run_on_their_own_mesh_and_say_what_they_do_not_test(
     dips = ("dip_deg = 90", "dip_deg = 60"), ("extent_m = [50, 30]", "")
     rough = ("edge_m = 10\n", "edge_m = 30\n"), ("padding_edge_m = 20", "padding_edge_m = 30")
     case = case_of(read_case(written(tmp_path, believed(), *dips, *rough)))
-    forward = Forward(case)
+    simulation = simulation_of(case)
     told = untestable_labels(case)
 
     assert told.keys() == {"anisotropy", "candidate", "side", "source_function"}
@@ -221,19 +221,26 @@ def test_other_projects_are_run_on_their_own_mesh_and_say_what_they_do_not_test(
     assert {one.name for one in calibrated_parameters(case.project)} == {
         "rock.cp", "rock.cs", "J1.kn", "J1.ks"
     }  # fmt: skip
-    holes = forward.hole_motion(case.project)
+    holes = hole_motion(simulation, case, case.project)
     blast = case.project.blasts["S1"]
     np.testing.assert_array_equal(blast.times, 0.0)
-    whole = forward.simulate([(case.project, "S1")])[0]
+    whole = simulation.motion(case.project, ["S1"])[0]
     np.testing.assert_allclose(holes["S1"][0], whole, atol=2e-2 * np.abs(whole).max())
     stiffer = with_values(case.project, calibrated_parameters(case.project), [0.0, 0.0, 1.0, 1.0])
-    changed = forward.simulate([(stiffer, "S1")])[0]
+    changed = simulation.motion(stiffer, ["S1"])[0]
     assert 0.01 < np.abs(changed - whole).max() / np.abs(whole).max() < 1.0
     slips = LIBRARY["joint_slip"].apply(case.project, "J1", strength=1e3, residual=0.5)
-    assert np.abs(forward.simulate([(slips, "B1")])[0]).max() > 0.0
-    assert not forward.holds(
-        LIBRARY["wrong_coordinates/blast"].apply(case.project, "B1", east=500.0, north=0.0)
+    assert np.abs(simulation.motion(slips, ["B1"])[0]).max() > 0.0
+    assert not holds(
+        simulation,
+        case.project,
+        LIBRARY["wrong_coordinates/blast"].apply(case.project, "B1", east=500.0, north=0.0),
     )
+
+
+def model_of(simulation, project, shot="B1"):
+    """Return the model of a blast of a project, as it is run."""
+    return simulation.model(simulation.of(project, shot))
 
 
 def test_another_geometry_is_the_model_of_a_file_that_has_it(tmp_path):
@@ -246,15 +253,16 @@ def test_another_geometry_is_the_model_of_a_file_that_has_it(tmp_path):
     box = f"padding_m = 30\npadding_edge_m = 20\nquadratic = true{LAYER}"
     other = (fault, ""), (joint, ""), (f"padding_m = 30\npadding_edge_m = 20{LAYER}", box)
     there = case_of(read_case(written(folders[1], believed(), *other)))
-    forward, project = Forward(case), case.project
+    simulation, project = simulation_of(case), case.project
     mesh = project.config.mesh.model_copy(update={"faults": []})
     changed = project.changed(mesh=mesh, joints=())
-    wanted = Forward(there).model(there.project, "B1")
+    wanted = model_of(simulation_of(there), there.project)
 
     assert project.mesh.hexahedral
-    assert input_hash(forward.model(changed, "B1")) == input_hash(wanted)
-    assert input_hash(forward.model(project, "B1")) != input_hash(wanted)
-    assert not forward.holds(project.changed(mesh=mesh.model_copy(update={"size_m": [20, 20, 9]})))
+    assert input_hash(model_of(simulation, changed)) == input_hash(wanted)
+    assert input_hash(model_of(simulation, project)) != input_hash(wanted)
+    smaller = project.changed(mesh=mesh.model_copy(update={"size_m": [20, 20, 9]}))
+    assert not holds(simulation, project, smaller)
 
 
 def test_receivers_without_a_height_stand_on_another_surface(tmp_path):
@@ -262,12 +270,10 @@ def test_receivers_without_a_height_stand_on_another_surface(tmp_path):
     case = case_of(read_case(written(tmp_path, believed(), *dips)))
     corners = np.array([(x, y, TOP) for x in (-50.0, 170.0) for y in (-50.0, 140.0)])
     higher = case.project.changed(surface=corners + np.array([0.0, 0.0, 4.0]))
-    finer = Forward(case, fine=True)
+    plain, finer = simulation_of(case), simulation_of(case, finer=True)
     before, after, fine = (
-        forward.model(project, "S1")
-        for forward, project in (
-            (Forward(case), case.project), (Forward(case), higher), (finer, higher)
-        )
+        model_of(simulation, project, "S1")
+        for simulation, project in ((plain, case.project), (plain, higher), (finer, higher))
     )  # fmt: skip
     heights = [[one.position[2] for one in model.receivers] for model in (before, after, fine)]
 
@@ -335,15 +341,15 @@ def write_site(folder, project):
         band=BAND, noise_window=(-BEFORE * DT, 0.0),
     )  # fmt: skip
     records = {
-        one.name: np.stack([one.records[r.name].seismogram.velocity.T for r in site.receivers])
-        for one in (project, *project.further)
+        name: np.stack([table[r.name].seismogram.velocity.T for r in site.receivers])
+        for name, table in project.survey.recordings.items()
     }
     write_case(folder, "small", site, records, BEFORE * DT)
     return folder / "S1.toml"
 
 
 def test_projects_with_the_ground_at_other_heights_foretell_the_same(tmp_path, monkeypatch):
-    monkeypatch.setattr("pyblast.diagnosis.forward.is_single", lambda _: False)
+    monkeypatch.setattr("pyblast.simulation.simulation.is_single", lambda _: False)
     mesh = "edge_m = 10\npadding_m = 30\npadding_edge_m = 20"
     same = "edges_per_wavelength = 10\nfrequency_hz = 25\npadding_m = 80\npadding_edge_m = 19.2"
     project = written(tmp_path, whole(), ("extent_m = [50, 30]", ""), (mesh, same))
@@ -447,14 +453,14 @@ def test_holes_that_foretell_nothing_are_refused(tmp_path, cells, told):
 
 def test_one_record_that_ends_early_does_not_cut_the_others():
     site = whole()
-    known = {one.name: one.records for one in (site, *site.further)}
+    known = site.survey.recordings
     one = known["B1"]["R1"]
     seismogram = replace(one.seismogram, velocity=one.seismogram.velocity[:70])
     short = replace(one, seismogram=seismogram, clipped=np.zeros((70, 3), dtype=bool))
     records = {**known, "B1": {**known["B1"], "R1": short}}
 
     with pytest.raises(InputError, match=r"B1: the record of R1 ends 0\.0\d+ s after"):
-        case_of(site.changed(records=records))
+        case_of(with_records(site, records))
 
 
 def test_a_further_blast_that_can_not_be_foretold_is_refused_before_any_run(tmp_path):

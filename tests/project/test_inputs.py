@@ -9,13 +9,13 @@ from typer.testing import CliRunner
 
 from pyblast.blasts.signature import SmoothPulse, cavity_moment, cavity_response
 from pyblast.cli.commands import app
-from pyblast.config.sources import ChargedHoleConfig, HolesInsideConfig
+from pyblast.config.sources import ChargedHoleConfig
 from pyblast.errors import InputError, ReadError
 from pyblast.model.boundary import StressInput, VelocityInput
 from pyblast.model.material import Material
 from pyblast.project.checks import check
-from pyblast.project.inputs import central_frequency, input_band, make_moment_rate
 from pyblast.project.project import load_project
+from pyblast.sources.inside import make_moment_rate
 
 FACE = TEXT[TEXT.index("[signature.cavity]") : TEXT.index("[[receivers]]")]
 HOLE = """
@@ -75,8 +75,7 @@ def charged(radius, charge, exponent):
     hole = ChargedHoleConfig(
         material="rock", charge_kg=charge, radius_m=radius, pressure_mpa=100, peak_time_ms=40
     )
-    config = HolesInsideConfig(charged_hole=hole)
-    return make_moment_rate(config, exponent, {"rock": ROCK}, None)
+    return make_moment_rate(hole, exponent, {"rock": ROCK})
 
 
 def test_the_moment_of_a_charged_hole_is_brought_to_one_kilogram():
@@ -134,7 +133,7 @@ def test_the_centre_of_holes_inside_is_that_of_their_far_motion(tmp_path):
     common = "[damping]\nratio = 0.0112\nfrequency_hz = 4"
     project = inside(tmp_path, (common, ""), ("delay_ms = 40", "delay_ms = 0"))
 
-    assert central_frequency(project) == pytest.approx(3.0 / (2.0 * math.pi * 0.04), rel=0.05)
+    assert project.shot.central_frequency == pytest.approx(3.0 / (2.0 * math.pi * 0.04), rel=0.05)
 
 
 def test_the_band_of_a_force_holds_95_percent_of_the_energy_of_its_slope(tmp_path):
@@ -142,7 +141,8 @@ def test_the_band_of_a_force_holds_95_percent_of_the_energy_of_its_slope(tmp_pat
 
     force = project.inside.forces[0]
     power = np.abs(np.fft.rfft(np.gradient(force.values, force.dt), 4096)) ** 2
-    below = np.fft.rfftfreq(4096, force.dt) <= input_band(project) + 13.0  # half a line of the FFT
+    half_a_line = 13.0
+    below = np.fft.rfftfreq(4096, force.dt) <= project.shot.highest_frequency + half_a_line
     assert power[below].sum() / power.sum() == pytest.approx(0.95, abs=0.04)
 
 

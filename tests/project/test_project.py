@@ -55,14 +55,15 @@ def test_neighbouring_rows_are_staggered_by_half_a_spacing(tmp_path):
     assert abs(blast.collar[15, 1] - blast.collar[0, 1]) == pytest.approx(7.5 / 2.0)
 
 
-def test_the_low_pass_moves_nothing_before_the_first_firing(tmp_path):
+def test_the_run_leads_by_the_delay_of_the_low_pass_which_is_taken_back(tmp_path):
     project = load_project(written(tmp_path))
 
     motion = project.input.motion
 
-    assert motion.start == 0.0
+    assert motion.start == -project.lead
+    assert project.lead == pytest.approx(0.336 / 20.0, rel=0.01)
     assert np.abs(motion.velocity[0]).max() < 1e-3 * motion.ppv.max()
-    assert project.duration == pytest.approx(0.1)
+    assert project.duration == pytest.approx(project.lead + 0.1)
 
 
 def test_the_signature_is_one_line_away_from_a_record(tmp_path):

@@ -77,6 +77,24 @@ def test_a_short_pulse_is_incomplete_and_nothing_is_compared(tmp_path):
     assert np.isnan(simulated_table(ringing, band, 34.0)["dominant_frequency"]).all()
 
 
+@pytest.mark.parametrize(
+    ("pulse", "failed"), [("frequency_hz = 20", False), ("peak_time_ms = 3", True)]
+)
+def test_a_stated_band_excuses_no_run_that_holds_almost_nothing_of_its_blast(
+    tmp_path, pulse, failed
+):
+    stated = ("duration_s = 0.1", "duration_s = 0.1\ncompare_band_hz = [3, 8]")
+    project = load_project(written(tmp_path, ("peak_time_ms = 40", pulse), stated, text=INSIDE))
+
+    band = band_of(project)
+    finding = band_finding(project, band)
+
+    assert not band.complete
+    assert finding.failed == failed
+    assert (band.peak_share < 1.0 / 3.0) == failed
+    assert ("frequency_hz in its place" in finding.text) == failed
+
+
 def motion(frequencies):
     times = np.arange(2048) / 1024.0
     size = np.exp(-((times - 1.0) ** 2) / 0.05)

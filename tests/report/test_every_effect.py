@@ -14,7 +14,7 @@ from pyblast.diagnosis.cross_validation import CrossValidation
 from pyblast.diagnosis.decision import Decision
 from pyblast.diagnosis.effects import Effect, Scene
 from pyblast.diagnosis.fitting import Fit
-from pyblast.diagnosis.forward import Forward
+from pyblast.diagnosis.forward import simulation_of
 from pyblast.diagnosis.hypotheses import LIBRARY
 from pyblast.diagnosis.library import geometry
 from pyblast.diagnosis.search import Search
@@ -65,7 +65,7 @@ def scene_on(ground):
         case, parameters, np.zeros(n), np.eye(n), case.project, motion,
         np.zeros((n, *motion.shape)), motion, np.zeros_like(motion), likelihood_of(case),
     )  # fmt: skip
-    return Scene(Forward(case), baseline, {})
+    return Scene(simulation_of(case), baseline, {})
 
 
 def fitted(scene, *effects):
@@ -123,7 +123,7 @@ def test_every_effect_at_every_target_is_stated_and_ranked(ground):
 def test_a_page_of_several_effects_lacks_nothing(ground, monkeypatch):
     monkeypatch.setattr("pyblast.report.diagnosis_figures._uri", lambda _: "data:image/png;base64,")
     monkeypatch.setattr(geometry, "_as_meshed", lambda _, changed: changed)
-    monkeypatch.setattr(Forward, "holds", lambda *_: True)
+    monkeypatch.setattr("pyblast.diagnosis.effects.holds", lambda *_: True)
     scene = scene_on(ground)
     site = {e.label: e for e in effects_on(scene.case) if e.hypothesis.on == "site"}
     chosen = [site[k] for k in ("missing_joint", "joint_slip") if k in site] or list(site.values())

@@ -17,7 +17,8 @@ from pyblast.report.figures import (
     section_of_zones,
     waveform_figure,
 )
-from pyblast.report.run import angle, render, render_one_page, shown_in_unit, shown_number
+from pyblast.report.pages import angle, shown_in_unit, shown_number
+from pyblast.report.run import render, render_one_page
 from pyblast.signals.comparison import load_limits
 from pyblast.workflows import run
 
@@ -53,8 +54,8 @@ def test_the_page_needs_no_network(page):
     parser.feed(page)
 
     assert all(link.startswith(("data:image/png;base64,", "#")) for link in parser.links)
-    # the seismograms, the data of energy and limit curves, and what draws them, all inside
-    assert parser.tags.count("script") == 4
+    # data of seismograms, view, energy and limit curves, and two that draw them, all inside
+    assert parser.tags.count("script") == 6
     assert "fetch(" not in page
     assert "http" not in re.sub(r"<script.*?</script>", "", page, flags=re.DOTALL)
     assert "link" not in parser.tags
@@ -79,7 +80,7 @@ def test_the_page_warns_of_failing_checks_and_short_records_before_the_peaks(pag
 def test_figures_are_those_of_the_project_not_of_a_paper(page):
     assert "of the paper" not in page
     images = re.findall(r'src="data:image/png;base64,([^"]+)"', page)
-    assert len(images) == 5
+    assert len(images) == 4
     assert page.count('class="plot"') == 2  # limit curves, energy
     assert page.count('class="waveform"') == 3  # single hole, input, receiver
     assert all(base64.b64decode(image)[:8] == b"\x89PNG\r\n\x1a\n" for image in images)

@@ -3,13 +3,12 @@ import pytest
 from small_project import written
 
 from pyblast.mesh.builder import structured_box
-from pyblast.project.result import Result, read_result
-from pyblast.report.figures import blocks_figure, outer_skin
+from pyblast.project.result import read_result
+from pyblast.report.figures import outer_skin
 from pyblast.report.maps import (
     ascii_grid,
     equal_area,
     great_circle,
-    plan_figure,
     pole,
     shown_surface,
     stereonet_figure,
@@ -57,16 +56,6 @@ def test_the_skin_is_closed_and_leaves_joints_out(folder):
     assert np.linalg.norm(area, axis=1).sum() == pytest.approx(2.0 * (1200 + 1800 + 600))
     assert np.linalg.norm(area[:, 2:], axis=1).sum() == pytest.approx(2.0 * 1200)
     assert zone.max() < len(zones)
-
-
-def test_blocks_are_drawn_whole_whatever_the_surfaces_are_called(folder):
-    result = read_result(folder / "result.h5")
-    named = blocks_figure(result)
-    joints = set(result.summary["mesh_names"]["joints"])
-    renamed = {n if n in joints else f"my {n}": s for n, s in result.arrays["surfaces"].items()}
-
-    assert blocks_figure(Result({**result.arrays, "surfaces": renamed}, result.summary)) == named
-    assert plan_figure(result).startswith("data:image/png")
 
 
 def test_peaks_of_the_surface_hold_those_of_the_receiver(folder):

@@ -7,8 +7,8 @@ import subprocess
 import numpy as np
 import pytest
 
+from pyblast.report.pages import page
 from pyblast.report.plots import axis_of, dots, line, page_plot, panel, segments, tables
-from pyblast.report.run import page
 
 HOSTILE = "</script><script>alert(\"&')</script>"
 CHROMIUM = shutil.which("chromium") or shutil.which("google-chrome")

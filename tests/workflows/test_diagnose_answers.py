@@ -17,12 +17,12 @@ from pyblast.cli.console import exit_codes
 from pyblast.diagnosis import decision as deciding
 from pyblast.diagnosis.decision import decide
 from pyblast.diagnosis.effects import HOLES, Effect
-from pyblast.diagnosis.forward import Forward
 from pyblast.diagnosis.hypotheses import LIBRARY
 from pyblast.diagnosis.search import Search, search
 from pyblast.diagnosis.thresholds import LEAST_SCORE
 from pyblast.errors import LostProcessError, contained
 from pyblast.project.project import Project
+from pyblast.simulation.simulation import Simulation
 from pyblast.workflows import diagnose as workflow
 
 CLOCK, LAYER, SENSOR = "clock_error", "soft_surface_layer", "sensor_orientation_or_polarity/turned"
@@ -134,7 +134,7 @@ def test_the_fault_of_the_machine_is_raised(error):
 
 def test_a_state_without_effects_that_fails_is_raised(monkeypatch):
     scene = scene_of(recorded(small_site()))
-    monkeypatch.setattr(Forward, "_own", lambda *_: 1 / 0)
+    monkeypatch.setattr(Simulation, "of", lambda *_: 1 / 0)
 
     with pytest.raises(ZeroDivisionError):
         scene.simulate([(np.full(4, 0.1), ())])
@@ -177,7 +177,7 @@ def test_an_answer_without_its_finer_mesh_is_at_most_a_class(monkeypatch):
     monkeypatch.setattr(deciding, "on_finer_mesh", lambda *_: 1 / 0)
     monkeypatch.setattr(scene, "failures", {})
 
-    decision = decide(Search(scene, 400, lambda *_: None, none, [slow], slow), scene.forward)
+    decision = decide(Search(scene, 400, lambda *_: None, none, [slow], slow), scene.simulation)
 
     assert decision.outcome in ("CLASS", "PARTIAL")
     assert decision.rivals == (CLOCK, deciding.RESOLUTION)

@@ -188,7 +188,7 @@ def not_flat(project: Project) -> str:
     factors, elastic joints on vertical planes along x or y, holes as points inside, and viscous
     sides and bottom.
     """
-    return next(filter(None, (_not_flat(o.config) for o in (project, *project.further))), "")
+    return next(filter(None, (_not_flat(o.config) for o in project.shots)), "")
 
 
 def _not_flat(config):

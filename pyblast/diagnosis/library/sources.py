@@ -177,7 +177,7 @@ def source_function(scene, motion, target, duration, impulse, shift):
     case, n = scene.case, motion.shape[-1]
     if target not in case.blasts:
         return motion
-    force = case.project.of(target).inside.forces[0]
+    force = case.project.survey.shot(target).inside.forces[0]
     size = fft.next_fast_len(2 * n, real=True)
     frequency = fft.rfftfreq(size, case.dt)
     times = force.dt * np.arange(len(force.values))

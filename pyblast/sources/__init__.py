@@ -1,0 +1,1 @@
+"""Shots: blasts with their sources, apart from the ground that they move."""
