@@ -117,7 +117,9 @@ def peak_bands(
         If the quantity is unknown, or times lie outside those of the spectra.
     """
     peaks = drawn_peaks(spectra, times, scatter, scales, n_blasts, seed, quantity)
-    return DrawnPeaks(tuple(receiver.name for receiver in spectra.receivers), np.sort(peaks, axis=0))
+    return DrawnPeaks(
+        tuple(receiver.name for receiver in spectra.receivers), np.sort(peaks, axis=0)
+    )
 
 
 def drawn_peaks(

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from ..errors import InputError
 
-LEVEL = 0.95  # share of further blasts of which a verdict is given
+LEVEL = 0.95  # share of further blasts of which a decision is taken
 
 
 class PeakDistribution(ABC):
@@ -50,7 +50,7 @@ class PeaksOfLaw(PeakDistribution):
         Half of the blasts stay below it.
     below, above : float or array
         Standard deviation of log10 on either side of the median.
-    freedom : float
+    n_free : float
         Degrees of freedom of Student's t; infinite where the scatter itself is known.
     charge, exponent
         As `PeakDistribution`.
@@ -71,21 +71,21 @@ class PeaksOfLaw(PeakDistribution):
     median: ArrayLike
     below: ArrayLike
     above: ArrayLike
-    freedom: float = math.inf
+    n_free: float = math.inf
     charge: ArrayLike = math.nan
     exponent: float = math.nan
 
     def level(self, share: float) -> np.ndarray:
         """Return the peak in m/s that this share of further blasts stays below."""
         check_share(share)
-        away = scipy.stats.t.ppf(share, self.freedom)
+        away = scipy.stats.t.ppf(share, self.n_free)
         return self.median * 10.0 ** (away * np.asarray(self.below if away < 0.0 else self.above))
 
     def share_below(self, limit: ArrayLike) -> np.ndarray:
         """Return the share of further blasts whose peak stays below a limit in m/s."""
         away = np.log10(np.asarray(limit, dtype=float) / self.median)
         side = np.where(away < 0.0, self.below, self.above)
-        return scipy.stats.t.cdf(away / side, self.freedom)
+        return scipy.stats.t.cdf(away / side, self.n_free)
 
 
 @dataclass(frozen=True, eq=False)

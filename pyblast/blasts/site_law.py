@@ -56,7 +56,7 @@ class SiteLaw:
     notes: tuple[str, ...] = ()
 
     @property
-    def freedom(self) -> int:
+    def n_free(self) -> int:
         """Degrees of freedom of the scatter: records less the values that were fitted."""
         return self.n - (2 if math.isfinite(self.breadth) else 1)
 
@@ -70,7 +70,7 @@ class SiteLaw:
 
     def beta_interval(self, share: float = 0.90) -> tuple[float, float]:
         """Return the ends of the interval that holds beta with this probability."""
-        half = scipy.stats.t.ppf(0.5 + 0.5 * share, self.freedom) * self.s / math.sqrt(self.breadth)
+        half = scipy.stats.t.ppf(0.5 + 0.5 * share, self.n_free) * self.s / math.sqrt(self.breadth)
         return float(self.beta - half), float(self.beta + half)
 
     def peak(self, distance: ArrayLike, charge: ArrayLike) -> "PeaksOfSite":
@@ -98,7 +98,7 @@ class SiteLaw:
         away = np.log10(scaled) - self.middle
         spread = self.s * np.sqrt(1.0 + 1.0 / self.n + away**2 / self.breadth)
         return PeaksOfSite(
-            self.k * scaled**-self.beta, spread, spread, self.freedom, charge,
+            self.k * scaled**-self.beta, spread, spread, self.n_free, charge,
             self.beta * self.charge_exponent, law=self, distance=distance,
         )  # fmt: skip
 

@@ -29,7 +29,9 @@ def test_records_without_scatter_give_their_law_back():
 
     assert law.k == pytest.approx(K, rel=1e-12)
     assert law.beta == pytest.approx(BETA, rel=1e-12)
-    assert law.peak(200.0, 50.0).level(0.5) == pytest.approx(scaled_distance_ppv(200.0, 50.0, K, BETA))
+    assert law.peak(200.0, 50.0).level(0.5) == pytest.approx(
+        scaled_distance_ppv(200.0, 50.0, K, BETA)
+    )
 
 
 def test_fit_is_that_of_linear_regression():
