@@ -184,7 +184,7 @@ def mesh(
         from ..workflows.run import write_mesh_files
 
         console.show_model_summary(write_mesh_files(loaded, out))
-        console.say(f"written: {out / 'zones.vtu'}, {out / 'joints.vtu'}")
+        console.say(f"written: {out / 'model.vtm'}, {out / 'zones.vtu'}")
         console.say(f"view:    {out / 'view.html'}")
 
 
@@ -264,6 +264,9 @@ def report(
             "the numbered results [results beside the project file]."
         ),
     ] = None,
+    movie: Annotated[
+        bool, typer.Option(help="Write the snapshots as slow motion, motion.webp, beside the page.")
+    ] = False,
 ):
     """Draw the report of a run again, or compare and report what pyblast-run computed.
 
@@ -284,6 +287,12 @@ def report(
 
         write_report(page := out or path.with_name("report.html"), stored)
         console.say(f"written: {page}")
+        if movie:
+            from ..report.exports import write_movie
+
+            with console.Progress() as progress:
+                write_movie(moved := page.with_name("motion.webp"), stored, progress)
+            console.say(f"written: {moved}")
 
 
 @app.command(cls=Finite)

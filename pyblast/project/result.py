@@ -13,19 +13,19 @@ import numpy as np
 from ..blasts.compliance import METHOD, assess_all, conclusion
 from ..errors import Finding, ReadError
 from ..ground.tables import joint_of_surface
+from ..model.boundary import kinds_of
 from ..model.material import ConstantQ
 from ..model.source import Column, Hole, MomentTensor, PointForce
 from ..recordings.tables import LOW_PASSED, instrument_table
 from ..signals.seismogram import Named, Seismogram
 from ..signals.spectra import dominant_frequency, significant_duration, zero_crossing_frequency
-from ..solver.injection import injected_sources, near_receivers
+from ..solver.injection import injected_sources
 from ..solver.model_file import read_arrays, write_arrays
 from ..solver.moment_density import source_radii
 from ..solver.preparation import versions
 from ..units import plain_number
 from . import level
 from .places import blast_table, extent_of, house_positions, source_names, undamped_plane
-from .validity import band_of, validity
 
 KIND = "result"
 
@@ -91,6 +91,18 @@ class Result:
             )
             for name, motion in self.seismograms(group).items()
         })  # fmt: skip
+
+    def to_pyvista(self):
+        """Return the mesh as a pyvista UnstructuredGrid: fields of zones, velocity by time."""
+        import pyvista  # pyright: ignore[reportMissingImports]
+
+        mesh = self.arrays["mesh"]
+        grid = pyvista.UnstructuredGrid({pyvista.CellType.TETRA: mesh["zones"]}, mesh["points"])
+        for name, values in self.arrays["zones"].items():
+            grid.cell_data[name] = values
+        for time, velocity in self.arrays["snapshots"].items():
+            grid.point_data[f"velocity at {float(time):g} s [m/s]"] = velocity
+        return grid
 
 
 def seismogram_heads(groups):
@@ -234,7 +246,7 @@ def summarise_run(project, checked, run, simulated, comparisons):
     simulated : dict of str to Seismogram
     comparisons : dict of str to Comparison
     """
-    blast, band = project.config.blast, band_of(project)
+    blast, band = project.config.blast, project.accuracy.band
     return {
         "title": project.title,
         "assumed": list(project.config.assumed),
@@ -249,15 +261,12 @@ def summarise_run(project, checked, run, simulated, comparisons):
         | {"input_hz": project.shot.highest_frequency, "low_pass_hz": project.shot.low_pass},
         "limit_curves": list(project.config.run.limit_curves),
         "blast": None if blast is None else blast_table(project.blast),
-        "undamped": undamped_plane(project),
-        "extent": extent_of(project),
-        "houses": house_positions(project),
+        **_place(project),
         "instruments": {
             part.name: instrument_table(project.records[part.name], vars(part.recorded))
             for part in project.config.receivers
             if part.recorded is not None
         },
-        "near_sources": near_table(project),
         "receivers": receiver_tables(project, simulated, band),
         "compliance": compliance_table(project, simulated, band),
         "comparisons": {n: comparison_table(c) for n, c in comparisons.items()},
@@ -295,11 +304,32 @@ def summarise_run(project, checked, run, simulated, comparisons):
     }
 
 
-def near_table(project):
-    """Return the receivers near a source, with the error to expect."""
-    names = source_names(project.model.sources, project.blast)
-    rows = near_receivers(project.model)
-    return [{**asdict(row), "source": names[row.source], "work": row.work} for row in rows]
+def error_table(row, names) -> dict:
+    """Return the expected error at a receiver: of waveform and peak, by cause, and a source near.
+
+    Parameters
+    ----------
+    row : ReceiverError
+    names : sequence of str
+        Of all sources of the model.
+    """
+    near = row.near and {**asdict(row.near), "source": names[row.near.source]}
+    return {
+        "waveform": row.waveform, "peak": row.peak, "cause": row.cause, "parts": row.parts,
+        "near": near,
+    }  # fmt: skip
+
+
+def _place(project):
+    """Return extent, sides, shift from the coordinates of the site, and houses."""
+    blast = project.config.blast
+    return {
+        "undamped": undamped_plane(project),
+        "extent": extent_of(project),
+        "boundaries": kinds_of(project.model.boundaries),
+        "shift_m": None if blast is None else list(blast.shift_m),
+        "houses": house_positions(project),
+    }
 
 
 def material_table(material):
@@ -438,7 +468,8 @@ def simulated_table(seismogram, band, carried) -> dict:
 
 def receiver_tables(project, simulated, band):
     """Return position, motion, simulated and recorded, and plausible range of each receiver."""
-    tables, carried = {}, {row.name: row.carried for row in validity(project)}
+    tables, rows = {}, {row.name: row for row in project.accuracy.rows}
+    names = source_names(project.model.sources, project.blast)
     for receiver in project.receivers:
         name = receiver.name
         peaks = [
@@ -448,8 +479,9 @@ def receiver_tables(project, simulated, band):
             "position": list(receiver.position),
             "azimuth": receiver.azimuth,
             "normal": receiver.normal,
-            "carried_hz": carried[name],
-            "simulated": simulated_table(simulated[name], band, carried[name]),
+            "carried_hz": rows[name].carried,
+            "expected_error": error_table(rows[name], names),
+            "simulated": simulated_table(simulated[name], band, rows[name].carried),
             "recorded": motion_table(project.recorded[name]) if name in project.recorded else None,
             **level.level_table(project, receiver.position, peaks),
         }

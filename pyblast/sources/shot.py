@@ -32,7 +32,7 @@ from .face import (
     shifts_of,
     wave_fronts,
 )
-from .inside import Inside, held_frequency, make_inside, radiated, unit_rate, within_band
+from .inside import Inside, make_inside, needed_frequency, radiated, unit_rate, within_band
 from .recorded import read_hole, read_record
 
 ALONE = Firing(np.zeros(1), np.ones(1))  # one hole, with the charge of the signature
@@ -227,11 +227,12 @@ class Shot:
     def asked_frequency(self) -> float | None:
         """Frequency in Hz that a mesh has to carry, which nobody gave.
 
-        Below it lies 95 % of the energy of what enters, as it would without a low-pass for the
-        mesh, and what makes 90 % of its peak. None where nothing enters, or an air blast, which
-        asks for other edges.
+        A mesh made for it carries the waveform of what enters, as it would without a low-pass for
+        the mesh, within ``mesh.accuracy``. None where nothing enters, or an air blast, which asks
+        for other edges.
         """
         config, inside = self.config, self.config.holes_inside
+        accuracy, along = config.mesh.accuracy, bool(config.point_forces or config.pressures)
         if config.air_blast is not None:
             return None
         if inside is not None and inside.charged_hole is not None and inside.low_pass_hz != "none":
@@ -240,8 +241,8 @@ class Shot:
             if rock is None:
                 return None
             rate, _ = within_band(unit_rate(hole, rock), inside.low_pass_hz, lambda: math.inf)
-            return held_frequency(superpose(radiated(rate), self.firing))
-        return max((held_frequency(motion) for motion in self.motions), default=None)
+            return needed_frequency(superpose(radiated(rate), self.firing), accuracy)
+        return max((needed_frequency(m, accuracy, along) for m in self.motions), default=None)
 
     @property
     def recordings(self) -> dict[str, Recording]:

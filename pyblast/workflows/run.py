@@ -38,6 +38,7 @@ from ..project.result import (
     write_text,
 )
 from ..recordings.recording import first_recording, read_recording
+from ..report.exports import write_features
 from ..report.maps import (
     surface_of,
     write_joints,
@@ -236,6 +237,7 @@ def _conclude(project: Project, checked: Check, run_: Run, folder: Path) -> Outc
         "recorded": project.recorded,
     }
     shown, contacts = project.model.shown, project.model.nodes.contacts
+    fields = {**zone_fields(project.model), **yield_fields(run_)}
     mesh, (points, triangles, node) = shown.mesh, surface_of(project.model)
     surface = points, triangles, run_.peak_velocity[node]
     arrays = {group: {n: s.velocity for n, s in g.items()} for group, g in groups.items()}
@@ -243,7 +245,7 @@ def _conclude(project: Project, checked: Check, run_: Run, folder: Path) -> Outc
         "sources": source_tables(project),
         "mesh": {"points": mesh.points, "zones": mesh.zones},
         "surfaces": dict(mesh.surfaces),
-        "zones": {n: v[shown.zone] for n, v in zone_fields(project.model).items()},
+        "zones": {n: v[shown.zone] for n, v in fields.items()},
         "energy": run_.energy,
         "state": run_.state,
         "surface_peaks": dict(zip(("points", "triangles", "velocity"), surface, strict=True)),
@@ -279,15 +281,14 @@ def write_outcome(outcome: Outcome, model: Model) -> None:
     write_tables(folder, result_tables(summary))
     write_curves(folder / "curves", outcome.result)
     write_surface(folder, outcome.result)
+    write_features(folder / "features.geojson", outcome.result)
     shown = model.shown
     mesh, displacement = shown.mesh, run_.state["displacement"][shown.node]
     peak = run_.peak_velocity[shown.node]
     moved = {"displacement": displacement, "peak_velocity": peak}
-    fields = {**zone_fields(model), **yield_fields(run_)}
-    fields = {name: values[shown.zone] for name, values in fields.items()}
+    fields = outcome.result.arrays["zones"]
     write_zones(folder / "zones.vtu", mesh.points, mesh.zones, fields, moved)
-    if mesh.contacts is not None:
-        write_joints(folder / "joints.vtu", mesh, displacement)
+    write_joints(folder, mesh, displacement)
     snapshots = {t: v[shown.node] for t, v in run_.snapshots.items()}
     write_motion(folder, mesh.points, mesh.zones, snapshots)
 
@@ -303,12 +304,15 @@ def result_tables(summary: dict) -> dict[str, str]:
     heads = (
         "receiver", "motion", "component", "x_m", "y_m", "z_m", "ppv_mm_per_s",
         "dominant_frequency_hz", "zero_crossing_frequency_hz", "duration_s", "vector_sum_mm_per_s",
+        "expected_error", "expected_peak_error", "cause_of_error",
     )  # fmt: skip
     receivers = [
         [
             name, kind, component, *table["position"], _times(1e3, motion["ppv"][n]),
             motion["dominant_frequency"][n], motion["zero_crossing_frequency"][n],
             motion["duration"][n], _times(1e3, motion["pvs"]),
+            *(table["expected_error"][key] if kind == "simulated" else None
+              for key in ("waveform", "peak", "cause")),
         ]
         for name, table in summary["receivers"].items()
         for kind in ("simulated", "recorded") if (motion := table[kind]) is not None
@@ -377,7 +381,7 @@ def write_curves(folder: Path, result: Result) -> None:
 
 
 def write_mesh_files(project: Project, out: str | Path) -> ModelSummary:
-    """Write ``zones.vtu``, ``joints.vtu`` and the page ``view.html`` of a project's model.
+    """Write ``zones.vtu``, ``model.vtm`` with its joints, and the page ``view.html``.
 
     Returns
     -------
@@ -388,7 +392,7 @@ def write_mesh_files(project: Project, out: str | Path) -> ModelSummary:
     mesh = shown.mesh
     fields = {name: values[shown.zone] for name, values in zone_fields(project.model).items()}
     write_zones(out / "zones.vtu", mesh.points, mesh.zones, fields)
-    write_joints(out / "joints.vtu", mesh)
+    write_joints(out, mesh)
     write_text(out / "view.html", ModelView(project).page())
     return summarise_model(project)
 

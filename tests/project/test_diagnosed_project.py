@@ -310,7 +310,7 @@ def test_blasts_of_other_ground_or_another_source_are_refused(tmp_path, old, new
 def test_records_without_time_before_the_blast_are_refused(tmp_path):
     path = written(tmp_path, believed(), ('R2.csv"', 'R2.csv"\nstart_s = 0.01'))
 
-    with pytest.raises(InputError, match=r"R2\.recorded: the record of S1 begins 0\.01 s"):
+    with pytest.raises(InputError, match=r"S1\.toml: receivers\.R2\.recorded: begins at 0\.01 s"):
         case_of(read_case(path))
 
 
