@@ -12,9 +12,9 @@ from ..errors import Finding, InputError, named_error
 from ..ground.tables import joint_of_surface
 from ..inference.parameter import OTHER, SPEED, STIFFNESS, Parameter, kind_of_key
 from ..model.material import Material
+from ..project.checks import carried_band
 from ..project.places import NEAR, resolved_receivers
 from ..project.project import CHEAP, Project, load_project, vary
-from ..project.checks import carried_band
 from ..signals.seismogram import Seismogram
 from ..solver.assembly import time_step
 from ..solver.run import run_many

@@ -15,9 +15,9 @@ from ..mesh.as_built import Row
 from ..mesh.mesh import surface_zones, zone_edge_lengths
 from ..model.boundary import Roller, Viscous
 from ..signals.spectra import highest_frequency
+from ..simulation.accuracy import FOUND, Band
 from ..solver.initial_stress import joint_pressures
 from ..solver.injection import near_receivers, refusal
-from ..simulation.accuracy import FOUND, Band
 from ..sources.inside import NEARLY, shape
 from ..units import plain_number
 from . import checks_ground
@@ -339,6 +339,7 @@ REMEDIES = {
     "low-pass": "a higher low_pass_hz keeps more of it",
     "quality": "a narrower quality_band_hz is fitted better",
     "sides": "hexahedra, or mesh.padding_m around tetrahedra, absorb more than dashpots",
+    "joint in the layer": "its plane bends there; a larger mesh.size_m moves the layer away",
     "near source": "see finding D38",
 }
 

@@ -17,7 +17,7 @@ from ..model.boundary import kinds_of
 from ..model.material import ConstantQ
 from ..model.source import Column, Hole, MomentTensor, PointForce
 from ..recordings.tables import LOW_PASSED, instrument_table
-from ..signals.seismogram import Named, Seismogram
+from ..signals.seismogram import Named, Seismogram, ZeroPhase
 from ..signals.spectra import dominant_frequency, significant_duration, zero_crossing_frequency
 from ..solver.injection import injected_sources
 from ..solver.model_file import read_arrays, write_arrays
@@ -56,7 +56,7 @@ class Result:
             head["start"],
             name,
             tuple(head["components"]),
-            head.get("low_passed"),
+            ZeroPhase(head["low_passed"]) if head.get("zero_phase") else head.get("low_passed"),
         )
 
     def seismograms(self, group) -> dict[str, Seismogram]:
@@ -114,6 +114,7 @@ def seismogram_heads(groups):
                 "start": s.start,
                 "components": list(s.components),
                 "low_passed": s.low_passed,
+                "zero_phase": isinstance(s.low_passed, ZeroPhase),
             }
             for name, s in members.items()
         }
@@ -213,7 +214,8 @@ def write_csv(path, seismogram):
     A comment at the end names the low-pass of its sources.
     """
     corner = seismogram.low_passed
-    comment = [] if corner is None else [f"{LOW_PASSED}{corner:.9g}"]
+    words = LOW_PASSED[ZeroPhase if isinstance(corner, ZeroPhase) else float]
+    comment = [] if corner is None else [f"{words}{corner:.9g}"]
     heads = ["time_s", *(f"{name}_m_per_s" for name in seismogram.components)]
     rows = np.column_stack([seismogram.times, seismogram.velocity])
     lines = [",".join(f"{value:.9g}" for value in row) for row in rows]
@@ -391,6 +393,7 @@ def input_table(project):
         "superposed_ppv": stages.superposed.ppv,
         "motion_ppv": stages.motion.ppv,
         "low_pass": None if low is None else low.corner,
+        "zero_phase": config.input.zero_phase,
         "removed_energy": None if low is None else low.removed_energy,
         "ppv_change": None if low is None else low.ppv_change,
         "face_distance": config.input.distance_m,

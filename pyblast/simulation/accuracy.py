@@ -30,6 +30,7 @@ TETRAHEDRA = {"quadratic": (0.05, 3.0, 3.5), "linear": (0.04, 10.0, 2.0)}
 # The layer sends more back where waves run along it: paths over three times its distance.
 LAYER, SPONGE, DASHPOTS = 0.008, 0.03, 0.2
 GRAZING, GROWTH, MOST_GRAZING = 3.0, 1.5, 0.12
+BEND, BENT = 0.1, 0.08  # of an edge, beyond which a plane bends in the layer; its error
 DEEP = 1e6  # m, where no surface is free
 FOUND = 3.0  # times the accuracy asked for, from which on an expected error is a finding
 
@@ -47,7 +48,7 @@ class ReceiverError:
         The ground on that way that carries least.
     parts : dict of str to float
         Error of the waveform over the motion (root of the energies), by cause: "mesh",
-        "low-pass", "quality", "sides", "near source".
+        "low-pass", "quality", "sides", "joint in the layer", "near source".
     peak : float
         Expected error of the peak.
     near : NearReceiver or None
@@ -174,6 +175,32 @@ class Accuracy:
         return KDTree(mesh.points[mesh.zones].mean(axis=1)), zone_edge_lengths(mesh).mean(axis=1)
 
     @cached_property
+    def _longest(self):
+        """Longest edge (n_groups,) in m of each ground."""
+        mesh, edges = self.model.mesh, zone_edge_lengths(self.model.mesh).max(axis=1)
+        longest = np.zeros(len(mesh.groups))
+        np.maximum.at(longest, mesh.zone_group, edges)
+        return longest
+
+    @cached_property
+    def _bent(self):
+        """Error by planes of joints that leave themselves in the absorbing layer."""
+        mesh = self.model.mesh
+        if mesh.layer is None:
+            return 0.0
+        for joint in self.model.joints:
+            points = mesh.points[np.unique(mesh.surfaces[joint.surface])]
+            beyond = mesh.layer.depths(points).max(axis=1) > 0.0
+            middle = points[~beyond].mean(axis=0) if (~beyond).sum() > 2 else None
+            if middle is None or not beyond.any():
+                continue
+            across = np.linalg.svd(points[~beyond] - middle)[2][-1]
+            away = np.abs((points - middle) @ across)
+            if away[beyond].max() > away[~beyond].max() + BEND * self._longest.max():
+                return BENT
+        return 0.0
+
+    @cached_property
     def _speeds(self):
         """S speeds (n_zones,) in m/s."""
         return self.model.zone_values("cs")
@@ -204,7 +231,8 @@ class Accuracy:
             for pair in zip(self.before, self.after, strict=True)
         ]
         parts, peak = max(motions, key=lambda each: sum(each[0].values()), default=({}, 0.0))
-        others = {"sides": self._sides(points), "near source": 0.0 if near is None else near.error}
+        others = {"sides": self._sides(points), "joint in the layer": self._bent}
+        others["near source"] = 0.0 if near is None else near.error
         peak, parts = float(np.linalg.norm([peak, *others.values()])), parts | others
         return ReceiverError(name, carried, limit, parts, peak, near)
 
@@ -283,8 +311,9 @@ class Accuracy:
         phase, wanted, power = TETRAHEDRA[kind]
         if mesh.hexahedral:
             wanted, power = NODES_FOR_ONE_PER_CENT[mesh.order] / mesh.order, convergence(mesh.order)
-        edges, group = zone_edge_lengths(mesh)[zone], mesh.zone_group[zone]
-        edge = edges.max(axis=1) if mesh.hexahedral else edges.mean(axis=1)
+        edge, group = self._zones[1][zone].copy(), mesh.zone_group[zone]
+        if mesh.hexahedral:  # finer ones around sources don't help the waves beyond them
+            edge = self._longest[group].copy()
         for name, height in self.heights.items():
             own = group == mesh.groups.index(name) if name in mesh.groups else np.zeros(0, int)
             edge[own] = np.minimum(edge[own], THIN * height / self.model.edges_per_wavelength)

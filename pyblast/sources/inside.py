@@ -13,7 +13,7 @@ from ..config.config import Config
 from ..errors import InputError, named_error
 from ..model.material import Material
 from ..model.source import TimeFunction
-from ..signals.seismogram import Seismogram, fast_length
+from ..signals.seismogram import Seismogram, ZeroPhase, fast_length
 from ..signals.spectra import highest_frequency
 from ..units import to_si
 
@@ -139,7 +139,8 @@ def make_inside(
                     hole, config.blast.charge_exponent, materials, away, charge_depth(config, blast)
                 )
             low_pass = config.holes_inside.low_pass_hz or ("none" if hole is None else "mesh")
-            rate, corner = within_band(whole, low_pass, carried)
+            zero_phase = config.holes_inside.zero_phase
+            rate, corner = within_band(whole, low_pass, carried, zero_phase)
     if config.air_blast is not None:
         file = config.air_blast.file
         air = make_air_pulse(config.air_blast) if file is None else read(file, "pressure")
@@ -266,30 +267,36 @@ def shape(function, values) -> Seismogram:
     return Seismogram(np.column_stack([values, missing, missing]), function.dt, function.start)
 
 
-def with_quiet_end(motion, corner) -> Seismogram:
-    """Append some cycles of silence, in which what a low-pass at a corner in Hz delays ends."""
+def with_quiet_ends(motion, corner) -> Seismogram:
+    """Add some cycles of silence, in which a low-pass at a corner in Hz ends or, both ways, begins.
+
+    Before the motion, too, where that is of zero phase.
+    """
     quiet = math.ceil(QUIET_CYCLES / (corner * motion.dt))
-    padded = np.pad(motion.velocity, ((0, quiet), (0, 0)))
-    return replace(motion, velocity=np.where(motion.present, padded, np.nan))
+    before = quiet * isinstance(corner, ZeroPhase)
+    padded = np.pad(motion.velocity, ((before, quiet), (0, 0)))
+    start = motion.start - before * motion.dt
+    return replace(motion, velocity=np.where(motion.present, padded, np.nan), start=start)
 
 
-def within_band(rate, corner, carried) -> tuple[TimeFunction, float | None]:
+def within_band(rate, corner, carried, zero_phase=False) -> tuple[TimeFunction, float | None]:
     """Low-pass a moment rate at a corner in Hz, or "mesh": to what it carries, or "none"."""
+    kind = ZeroPhase if zero_phase else float
     if corner == "mesh":
         band = carried()
         passed, corner = rate, None
         while highest_frequency(radiated(passed)) > band:
-            corner = STEP_DOWN * (corner or band / STEP_DOWN)
+            corner = kind(STEP_DOWN * (corner or band / STEP_DOWN))
             passed = _low_passed(rate, corner)
         return passed, corner
     if corner in (None, "none"):
         return rate, None
-    return _low_passed(rate, corner), corner
+    return _low_passed(rate, kind(corner)), kind(corner)
 
 
 def _low_passed(rate, corner):
     """Low-pass a time function, its delay taken back; it then ends in quiet."""
-    passed = with_quiet_end(shape(rate, rate.values), corner).lowpassed(corner, causal=True)
+    passed = with_quiet_ends(shape(rate, rate.values), corner).lowpassed(corner, of_source=True)
     return replace(rate, values=passed.velocity[:, 0], start=passed.start)
 
 

@@ -20,7 +20,7 @@ from ..model.boundary import WaveFronts
 from ..model.material import Material
 from ..readers.provenance import ReadLog
 from ..recordings.recording import Recording
-from ..signals.seismogram import Seismogram
+from ..signals.seismogram import Seismogram, ZeroPhase
 from ..signals.spectra import dominant_frequency, highest_frequency
 from ..units import to_si
 from .face import (
@@ -132,7 +132,7 @@ class Shot:
             cavity, shifts = config.signature.cavity, None
             if cavity is not None and not self.alone:
                 shifts = shifts_of(config.blast, self.blast, cavity.receiver_m, cavity.hole_m)
-            corner = config.input.low_pass_hz
+            corner = self._input_corner
             if self.fronts is not None:
                 return opposite_input(signature, firing, corner, self.fronts, self.blast)
             return make_input(signature, firing, corner, shifts)
@@ -202,13 +202,20 @@ class Shot:
 
     @property
     def low_pass(self) -> float | None:
-        """Corner in Hz of the causal low-pass of all that enters, None without, 0 where some is."""
-        corners = {self.inside.low_pass} if self.inside.moment_rate is not None else set()
+        """Corner in Hz of the low-pass of all that enters, None without, 0 where some is."""
+        corners = [self.inside.low_pass] if self.inside.moment_rate is not None else []
         if self.input is not None:
-            corners.add(self.config.input.low_pass_hz)
+            corners.append(self._input_corner)
         if set(self.inside.named) - {"moment_rate"}:
-            corners.add(None)
-        return corners.pop() if len(corners) == 1 else 0.0
+            corners.append(None)
+        return corners[0] if len({(type(each), each) for each in corners}) == 1 else 0.0
+
+    @property
+    def _input_corner(self):
+        """Corner in Hz of the low-pass of what enters through a face, None without one."""
+        config = self.config.input
+        zero_phase = config.zero_phase and config.low_pass_hz is not None
+        return ZeroPhase(config.low_pass_hz) if zero_phase else config.low_pass_hz
 
     @property
     def highest_frequency(self) -> float:
@@ -240,7 +247,9 @@ class Shot:
             rock = self.materials.get(hole.material)
             if rock is None:
                 return None
-            rate, _ = within_band(unit_rate(hole, rock), inside.low_pass_hz, lambda: math.inf)
+            rate, _ = within_band(
+                unit_rate(hole, rock), inside.low_pass_hz, lambda: math.inf, inside.zero_phase
+            )
             return needed_frequency(superpose(radiated(rate), self.firing), accuracy)
         return max((needed_frequency(m, accuracy, along) for m in self.motions), default=None)
 

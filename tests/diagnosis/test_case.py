@@ -58,6 +58,7 @@ def test_a_channel_that_is_still_before_the_blast_is_dead_only_if_it_stays_so(of
     assert case.valid[:, 1].all()
     assert not case.valid[:, 2, 2].any()
     np.testing.assert_allclose(case.noise.variance[1, 2], plain.noise.variance[0].max(), rtol=1e-6)
+    assert np.abs(case.noise.correlation[1, :2, 2]).max() < 0.9  # not a copy of its neighbour's
 
 
 def test_a_channel_that_stands_still_in_one_blast_has_no_part_in_that_blast():

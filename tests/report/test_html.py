@@ -204,7 +204,7 @@ def test_every_receiver_has_a_row_of_its_error(tmp_path):
     receivers = {f"R{number}": {**table, "expected_error": error} for number in range(20)}
     shown = render(replace(result, summary={**result.summary, "receivers": receivers}))
 
-    rows = re.findall(r"<tr><td>R\d+</td><td>40 %</td><td>30 %</td>", shown)
+    rows = re.findall(r"<tr><td>R\d+</td><td>40 %</td><td>30 %</td><td>–</td>", shown)
     assert len(rows) == 20
     assert shown.count('<td class="words">hole 1</td>') == 20
 

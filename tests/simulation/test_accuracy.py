@@ -8,7 +8,7 @@ from small_project import INSIDE, written
 
 from pyblast.errors import InputError
 from pyblast.project.checks import band_finding, check, expected_error
-from pyblast.project.project import load_project
+from pyblast.project.project import Project, load_project
 from pyblast.project.result import compliance_table, simulated_table
 from pyblast.signals.seismogram import Seismogram
 from pyblast.signals.spectra import highest_frequency
@@ -181,12 +181,12 @@ def test_an_error_above_three_times_the_accuracy_names_receiver_and_cause(tmp_pa
     (row,), (better,) = coarse.accuracy.rows, fine.accuracy.rows
     finding = expected_error(coarse.accuracy.rows, 0.01)
 
-    assert row.cause == "low-pass"  # of the source, for this mesh
+    assert row.cause == "mesh"
     assert row.waveform > 0.03
     assert better.parts["mesh"] < 0.01
     assert finding is not None
     assert f"{row.name}" in finding.text
-    assert "by low-pass" in finding.text
+    assert "by mesh" in finding.text
     assert expected_error([better], 1.1 * better.waveform / 3.0) is None
 
 
@@ -196,3 +196,23 @@ def test_the_default_frequency_carries_the_waveform_and_not_the_energy_alone(tmp
     rough, fine = (needed_frequency(motion, error) for error in (0.1, 0.01))
 
     assert highest_frequency(motion) <= rough < fine <= MOST * highest_frequency(motion)
+
+
+@pytest.mark.parametrize(("towards", "bends"), [(60.0, True), (90.0, False)])
+def test_a_plane_that_bends_in_the_absorbing_layer_is_a_part_of_the_error(tmp_path, towards, bends):
+    (tmp_path / "f.csv").write_text("time_s,force_n\n0,0\n0.02,1e6\n0.04,2e6\n0.06,1e6\n0.08,0\n")
+    fault = {"name": "F", "dip_deg": 45.0, "dip_direction_deg": towards, "through_m": [20, 0, -60]}
+    rock = {"density_kg_per_m3": 2600, "cp_m_per_s": 4000, "cs_m_per_s": 2300}
+    project = Project.from_dict({
+        "title": "Dipping plane", "materials": {"rock": rock},
+        "mesh": {"origin_m": [-80, -80, -130], "size_m": [160, 160, 130], "frequency_hz": 40,
+                 "layers": [{"material": "rock"}], "faults": [fault]},
+        "joints": {"F": {"law": "elastic", "kn_gpa_per_m": 1.5, "ks_gpa_per_m": 0.8}},
+        "boundaries": {"viscous": ["west", "east", "south", "north", "bottom"], "free": ["top"]},
+        "point_forces": [{"position_m": [-20, -10, -70], "direction": [0, 0, 1], "file": "f.csv"}],
+        "receivers": [{"name": "R", "position_m": [-60, -60]}], "run": {"duration_s": 0.1},
+    }, tmp_path)  # fmt: skip
+
+    (row,) = project.accuracy.rows
+
+    assert (row.parts["joint in the layer"] > 0.05) is bends

@@ -1,4 +1,4 @@
-"""Scenes with exact motion: each run says its error, however the scene is turned; all: ./dev scenes."""
+"""Scenes with exact motion: each run says its error, however turned; all: ./dev scenes."""
 
 import numpy as np
 import pytest

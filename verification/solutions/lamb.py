@@ -40,7 +40,7 @@ def surface_motion(times, distances, pulse, rock, highest):
         slow = (w / rock.cs) ** 2
         rayleigh = (2.0 * k**2 - slow) ** 2 - 4.0 * k**2 * of_p * of_s
         up = -slow * of_p * k / rayleigh - still
-        along = -k**2 * (2.0 * k**2 - slow - 2.0 * of_p * of_s) / rayleigh - out
+        along = -(k**2) * (2.0 * k**2 - slow - 2.0 * of_p * of_s) / rayleigh - out
         field = [(one @ along) * step + out / away[:, 0], (zero @ up) * step + still / away[:, 0]]
         field = -1j * w * amplitude / (2.0 * np.pi * rock.shear) * np.array(field).T
         share = (2.0 if number else 1.0) / window
