@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..blasts.peaks import PeaksOfLaw
 from ..blasts.published_laws import (
     BY_NAME,
     EXPLOSIVES,
@@ -139,6 +140,17 @@ def predicted_peak(project: Project, position) -> float | None:
     """Return the peak in m/s at a position (3,) m by the law that sets the level, or None."""
     law, window = anchoring_law(project), window_at(project, position)
     return None if law is None or window is None else law.ppv(*window)
+
+
+def level_error(project: Project, position) -> tuple[PeaksOfLaw, str] | None:
+    """Return the distribution of the peak at a position over the simulated one, and its law.
+
+    None where no law sets the level of the source.
+    """
+    law, window = anchoring_law(project), window_at(project, position)
+    if law is None or window is None:
+        return None
+    return replace(law.peak(*window), median=1.0), law.name
 
 
 def window_at(project: Project, position) -> tuple[float, float] | None:
