@@ -222,7 +222,7 @@ def keys(section: type[BaseModel], path: str = "") -> dict[str, Range]:
         elif (known := range_of_key(section, name)) is not None:
             result[at] = known
     if section.model_config.get("extra") == "allow":
-        for key in {p.key for law in JOINT_LAWS.values() for p in law.properties.values()}:
+        for key in [p.key for law in JOINT_LAWS.values() for p in law.properties.values()]:
             result[f"{path}.{key}"] = range_of_property(key)
     return result
 
