@@ -163,7 +163,7 @@ def check_command(project: ProjectFile, full: Full = False, verbose: Verbose = F
         from ..project.checks import check as check_project
 
         with console.Progress() as progress:
-            result = check_project(loaded, progress=progress)
+            result = check_project(loaded, priced=True, progress=progress)
         console.show_inputs(loaded.log.table(), verbose)
         console.show_check(result)
         if loaded.config.back_analysis is not None and not is_recorded(loaded):

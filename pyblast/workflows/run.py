@@ -149,7 +149,7 @@ def run(
     tell("mesh", 0, 1)
     model = project.model
     tell("check", 0, 1)
-    checked = check(project, measure=False)
+    checked = check(project)
     prepared = preparation.prepare(model, project.duration, progress)
 
     def unfinished(folder: Path) -> bool:
@@ -235,7 +235,7 @@ def conclude_program_run(
     InputError, ReadError
         If the file is damaged or belongs to another model.
     """
-    checked = check(project, measure=False)
+    checked = check(project)
     prepared = preparation.prepare(project.model, project.duration)
     run_ = solver.integrated(project.model, prepared, stored)
     out = project.folder / "results" if out is None else Path(out)

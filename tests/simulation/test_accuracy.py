@@ -72,7 +72,7 @@ def test_a_short_pulse_is_incomplete_and_nothing_is_compared(tmp_path):
     assert "times the run time" in found.text
     assert "min in place of 10" in minutes.text
     assert "the blast has motion up to 12" in found.text
-    assert check(project, measure=False).failed
+    assert check(project).failed
     assert table["rows"] == []
     assert "not assessed" in table["conclusion"]
     assert np.isnan(simulated_table(ringing, band, 34.0)["dominant_frequency"]).all()
@@ -117,7 +117,7 @@ def test_a_check_does_not_fail_on_a_low_pass_that_the_program_chose(tmp_path):
     path = written(tmp_path, ("peak_time_ms = 40", "frequency_hz = 20"), level, text=INSIDE)
     project = load_project(path)
 
-    found = check(project, measure=False).findings
+    found = check(project).findings
 
     assert project.inside.low_pass is not None
     assert {finding.code for finding in found if finding.failed} <= {"D40"}
