@@ -16,13 +16,14 @@ import numpy as np
 from ..core import BATCH_SIZE
 from ..errors import InputError, ReadError, SolverError
 from ..inference.likelihood import SIGNED, misfit_to
-from ..inference.parameter import Parameter, Problem, problem_of
+from ..inference.parameter import Parameter, Problem, problem_of, set_all
 from ..project.project import Project
 from ..project.result import plain
 from ..runs.parallel import input_hash
 from ..signals.seismogram import Seismogram
 from ..signals.spectra import dominant_frequency
-from .parameters import simulate, used_records
+from ..simulation.simulation import in_batches
+from .parameters import used_records
 from .waveforms import Waveforms
 
 
@@ -76,7 +77,7 @@ def evaluate(target: Target, points) -> list[dict]:
     began = time.perf_counter()
     try:
         simulated = [
-            simulate(project, target.parameters, points, step)
+            in_batches([set_all(project, target.parameters, each) for each in points], step)
             for project, step in zip(target.projects, target.steps, strict=True)
         ]
     except SolverError as error:

@@ -10,10 +10,10 @@ from small_project import CARRIED, INSIDE, written
 from pyblast.back_analysis.search import make_target
 from pyblast.back_analysis.trials import evaluate
 from pyblast.diagnosis.case import case_of
-from pyblast.diagnosis.forward import Forward
+from pyblast.diagnosis.forward import simulation_of
 from pyblast.errors import InputError
 from pyblast.project.checks import check
-from pyblast.project.project import load_project, vary
+from pyblast.project.project import load_project
 from pyblast.project.result import write_csv
 from pyblast.recordings.recording import read_recording
 from pyblast.signals.comparison import compare
@@ -152,7 +152,7 @@ def test_a_prediction_is_at_the_time_of_an_independent_record(tmp_path):
     project = elastic(unfiltered_twin(tmp_path, ALL, corner=40.0))
     case = case_of(project)
 
-    predicted = Forward(case).motion(case.project)[0, 0].T
+    predicted = simulation_of(case).motion(case.project)[0, 0].T
 
     record = project.recorded["R1"].rotated(np.pi / 2.0).sampled(0.0, case.dt, case.n_samples)
     beside = compare(record, replace(record, velocity=predicted), (3.0, 13.0))
@@ -190,10 +190,10 @@ def test_variants_keep_the_low_pass_that_the_mesh_asked_for(tmp_path):
 
     target = make_target(project)
 
-    slow = vary(target.projects[0], {"materials.rock.cs_m_per_s": 1000})
+    slow = target.projects[0].set({"materials.rock.cs_m_per_s": 1000})
     assert load_project(path).config.holes_inside.low_pass_hz is None
     assert slow.shot.low_pass == corner
-    assert vary(project, {"materials.rock.cs_m_per_s": 1000}).shot.low_pass < corner
+    assert project.set({"materials.rock.cs_m_per_s": 1000}).shot.low_pass < corner
     assert evaluate(target, np.array([[1700.0]]))[0]["misfit"] < 0.1
 
 

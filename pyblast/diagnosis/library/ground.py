@@ -10,12 +10,12 @@ from ...config.ground import FaultConfig
 from ...config.section import value_at
 from ...errors import InputError
 from ...ground.tables import is_anisotropic, quality_of
+from ...inference.uncertain_ground import scaled_material
 from ...model.anisotropy import anisotropic, jointed, stiffness_of
 from ...model.joint import Joint
 from ...model.material import ConstantQ, Material
 from ...project.places import extent_of
 from ...project.project import Project
-from ..calibration import scaled
 from ..hypotheses import (
     PRIORS,
     elastic_materials,
@@ -348,7 +348,7 @@ def _layered(project, thickness, slower):
     while own in project.materials:
         own = f"unlisted {own}"
     if is_anisotropic({name: rock}):
-        soft = scaled(rock, slower)
+        soft = scaled_material(rock, slower)
     else:
         soft = Material.from_speeds(rock.density, slower * rock.cp, slower * rock.cs)
         soft = replace(soft, law=rock.law)
