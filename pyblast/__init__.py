@@ -118,3 +118,24 @@ if not TYPE_CHECKING:
     def __dir__():
         """Return the public names."""
         return sorted(__all__)
+
+    def _show_in_notebooks():
+        """Let a notebook show models, meshed projects and results as one can turn them."""
+        import sys
+
+        shell = getattr(sys.modules.get("IPython"), "get_ipython", lambda: None)()
+        if shell is None:
+            return
+
+        def turned(shown):
+            if type(shown).__name__ == "Project" and "model" not in vars(shown):
+                return None  # its mesh may take minutes: its line of text
+            return __getattr__("ModelView")(shown)._repr_html_()
+
+        formatter = shell.display_formatter.formatters["text/html"]
+        for module, name in (
+            ("model.model", "Model"), ("project.project", "Project"), ("project.result", "Result"),
+        ):  # fmt: skip
+            formatter.for_type_by_name(f"pyblast.{module}", name, turned)
+
+    _show_in_notebooks()

@@ -264,6 +264,9 @@ def report(
             "the numbered results [results beside the project file]."
         ),
     ] = None,
+    movie: Annotated[
+        bool, typer.Option(help="Write the snapshots as slow motion, motion.webp, beside the page.")
+    ] = False,
 ):
     """Draw the report of a run again, or compare and report what pyblast-run computed.
 
@@ -284,6 +287,12 @@ def report(
 
         write_report(page := out or path.with_name("report.html"), stored)
         console.say(f"written: {page}")
+        if movie:
+            from ..report.exports import write_movie
+
+            with console.Progress() as progress:
+                write_movie(moved := page.with_name("motion.webp"), stored, progress)
+            console.say(f"written: {moved}")
 
 
 @app.command(cls=Finite)

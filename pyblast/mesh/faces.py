@@ -77,6 +77,40 @@ def pair_faces(
     return order[shared], order[shared + 1], order[starts[counts == 1]], order[excess]
 
 
+def faces_of_skin(zones: np.ndarray, body: np.ndarray, own: np.ndarray) -> np.ndarray:
+    """Return the outer faces (n,) of some of the tetrahedra that a mesh is shown as.
+
+    Where neighbours that are cut into tetrahedra share a face and cut it by different diagonals,
+    its halves have no partner, but the quadrilaterals of both bodies have the same corners.
+
+    Parameters
+    ----------
+    zones : (n_zones, 4) int
+        Nodes; those of one place have one number.
+    body : (n_zones,) int
+        Zone of the model that each is a part of.
+    own : (n_own,) int
+        The tetrahedra whose outer faces are asked.
+    """
+    single = np.sort(pair_faces(zones[own], int(zones.max(initial=0)) + 1)[2])
+    face = 4 * own[single // 4] + single % 4
+    corners, of = np.sort(zone_faces(zones)[face], axis=1), body[face // 4]
+    edge = np.concatenate([corners[:, [0, 1]], corners[:, [0, 2]], corners[:, [1, 2]]])
+    half = np.tile(np.arange(len(face)), 3)
+    order = np.lexsort((of[half], edge[:, 1], edge[:, 0]))
+    edge, half = edge[order], half[order]
+    same = np.all(edge[1:] == edge[:-1], axis=1) & (of[half[1:]] == of[half[:-1]])
+    first, second, shared = half[:-1][same], half[1:][same], edge[1:][same]
+    tips = [corners[each].sum(axis=1) - shared.sum(axis=1) for each in (first, second)]
+    four = np.sort(np.column_stack([shared, *tips]), axis=1)
+    number = np.unique(four, axis=0, return_inverse=True)[1].reshape(-1)
+    low, high = np.full(len(number), len(zones)), np.full(len(number), -1)
+    np.minimum.at(low, number, of[first])
+    np.maximum.at(high, number, of[first])
+    inner = (low < high)[number]  # of two bodies
+    return np.delete(face, np.concatenate([first[inner], second[inner]]))
+
+
 def find_faces(
     zones: np.ndarray, n_nodes: int, wanted: np.ndarray, faces: np.ndarray
 ) -> np.ndarray:

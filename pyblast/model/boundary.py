@@ -193,6 +193,16 @@ class VelocityInput:
 Boundary = Viscous | Roller | Fixed | FreeField | StressInput | VelocityInput
 
 
+def kinds_of(boundaries: Sequence[Boundary]) -> dict[str, str]:
+    """Return what holds each surface, in words: the kinds of its boundary conditions."""
+    words = {}
+    for boundary in boundaries:
+        name = type(boundary).__name__
+        kind = "".join(f" {c.lower()}" if c.isupper() else c for c in name).strip()
+        words.setdefault(boundary.surface, []).append(kind)
+    return {surface: ", ".join(kinds) for surface, kinds in words.items()}
+
+
 def check_boundaries(boundaries: Sequence[Boundary], mesh: Mesh) -> None:
     """Raise InputError for boundaries on unknown or inner surfaces, and for incompatible ones.
 

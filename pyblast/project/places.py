@@ -529,7 +529,8 @@ def single_source(config) -> Blast:
 
 def blast_table(blast):
     """Return charge, times and holes of a blast; times in s after the first firing."""
-    holes = zip(blast.hole_ids, blast.collar, blast.toe, blast.charge, blast.times, strict=True)
+    parts = blast.collar, blast.toe, blast.columns, blast.charge, blast.times
+    holes = zip(blast.hole_ids, *parts, strict=True)
     known = not np.isnan(blast.charge).any()
     first = float(blast.times.min())
     return {
@@ -537,10 +538,11 @@ def blast_table(blast):
         "charge_per_8ms": blast.charge_per_window() if known else None,
         "last": float(blast.times.max()) - first,
         "holes": [
-            {"id": id_, "collar": collar, "toe": toe, "charge": charge, "time": time - first}
-            for id_, collar, toe, charge, time in holes
+            {"id": id_, "collar": collar, "toe": toe, "column": column, "charge": charge,
+             "time": time - first}
+            for id_, collar, toe, column, charge, time in holes
         ],
-    }
+    }  # fmt: skip
 
 
 def undamped_plane(project):

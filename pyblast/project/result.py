@@ -13,6 +13,7 @@ import numpy as np
 from ..blasts.compliance import METHOD, assess_all, conclusion
 from ..errors import Finding, ReadError
 from ..ground.tables import joint_of_surface
+from ..model.boundary import kinds_of
 from ..model.material import ConstantQ
 from ..model.source import Column, Hole, MomentTensor, PointForce
 from ..recordings.tables import LOW_PASSED, instrument_table
@@ -91,6 +92,18 @@ class Result:
             )
             for name, motion in self.seismograms(group).items()
         })  # fmt: skip
+
+    def to_pyvista(self):
+        """Return the mesh as a pyvista UnstructuredGrid: fields of zones, velocity by time."""
+        import pyvista  # pyright: ignore[reportMissingImports]
+
+        mesh = self.arrays["mesh"]
+        grid = pyvista.UnstructuredGrid({pyvista.CellType.TETRA: mesh["zones"]}, mesh["points"])
+        for name, values in self.arrays["zones"].items():
+            grid.cell_data[name] = values
+        for time, velocity in self.arrays["snapshots"].items():
+            grid.point_data[f"velocity at {float(time):g} s [m/s]"] = velocity
+        return grid
 
 
 def seismogram_heads(groups):
@@ -249,9 +262,7 @@ def summarise_run(project, checked, run, simulated, comparisons):
         | {"input_hz": project.shot.highest_frequency, "low_pass_hz": project.shot.low_pass},
         "limit_curves": list(project.config.run.limit_curves),
         "blast": None if blast is None else blast_table(project.blast),
-        "undamped": undamped_plane(project),
-        "extent": extent_of(project),
-        "houses": house_positions(project),
+        **_place(project),
         "instruments": {
             part.name: instrument_table(project.records[part.name], vars(part.recorded))
             for part in project.config.receivers
@@ -292,6 +303,18 @@ def summarise_run(project, checked, run, simulated, comparisons):
             "joints": [joint.surface for joint in project.model.joints],
             "faults": project.faults,
         },
+    }
+
+
+def _place(project):
+    """Return extent, sides, shift from the coordinates of the site, and houses."""
+    blast = project.config.blast
+    return {
+        "undamped": undamped_plane(project),
+        "extent": extent_of(project),
+        "boundaries": kinds_of(project.model.boundaries),
+        "shift_m": None if blast is None else list(blast.shift_m),
+        "houses": house_positions(project),
     }
 
 

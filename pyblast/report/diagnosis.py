@@ -504,7 +504,7 @@ def _scene(diagnosis):
         for name, misfit in zip(case.receivers, means(fit.chi_square, 0), strict=True):
             receiver = shown["receivers"][name]
             receiver["rows"].append((f"misfit {title}", plain_number(misfit)))
-            receiver["over"] = bool(misfit >= MATERIAL)
+            receiver["over"] = bool(receiver.get("over") or misfit >= MATERIAL)
     return shown
 
 

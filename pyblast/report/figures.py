@@ -14,7 +14,6 @@ from matplotlib.figure import Figure
 from matplotlib.text import Text
 
 from ..mesh import tetrahedra
-from ..mesh.faces import pair_faces, zone_faces
 from ..signals.comparison import Comparison
 from ..signals.seismogram import Seismogram
 from ..signals.spectra import dominant_frequency, smoothed_spectrum, zero_crossing_frequency
@@ -75,25 +74,6 @@ def _crossings(points, height, cells, edges):
     share = (height[first] / span)[..., None]
     places = points[first] + share * (points[second] - points[first])
     return places[..., [0, 2]], crossed
-
-
-def outer_skin(points, zones):
-    """Return the outward triangles of the boundary of a mesh, without the sides of its joints.
-
-    Parameters
-    ----------
-    points : (n_nodes, 3) float64, m
-    zones : (n_zones, 4) int32
-
-    Returns
-    -------
-    triangles : (n, 3) int32
-    zone : (n,) int64
-        The zone behind each.
-    """
-    welded = np.unique(points, axis=0, return_inverse=True)[1].reshape(-1)
-    single = np.sort(pair_faces(welded[zones], len(points))[2])
-    return zone_faces(zones)[single], single // 4
 
 
 GROUND = ("#cdb58c", "#8fa3ad", "#5b6570", "#a7b08a", "#b48a78", "#7a8fb0")

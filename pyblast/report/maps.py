@@ -2,6 +2,7 @@
 
 from contextlib import suppress
 from pathlib import Path
+from xml.sax.saxutils import quoteattr
 
 import numpy as np
 from matplotlib.collections import LineCollection
@@ -12,6 +13,7 @@ from ..errors import ReadError
 from ..mesh.faces import face_table, face_vectors, pair_faces, zone_of_face
 from ..mesh.hexahedra import face_nodes
 from ..mesh.mesh import zone_edge_lengths
+from ..mesh.quality import count_blocks
 from ..project.checks_ground import frequency_of_edge
 from ..project.result import write_text
 from ..solver.initial_stress import yield_states
@@ -46,11 +48,11 @@ def surface_of(model):
         triangles = np.concatenate([corners[:, [0, 1, 2]], corners[:, [0, 2, 3]]])
     else:
         triangles = model.nodes.zone_nodes[zone[:, None], face_table(zones)[local]]
-    node, triangles = np.unique(_upward(points, triangles), return_inverse=True)
+    node, triangles = np.unique(upward(points, triangles), return_inverse=True)
     return points[node], triangles.reshape(-1, 3), node
 
 
-def _upward(points, triangles):
+def upward(points, triangles):
     """Return the triangles whose outward normal points upward."""
     normal = face_vectors(points, triangles)
     return triangles[normal[:, 2] > UPWARD * np.linalg.norm(normal, axis=1)]
@@ -61,17 +63,13 @@ def shown_surface(result):
 
     Without the padding of an absorbing layer; the peaks are None where the result holds none.
     """
-    stored, box = result.arrays.get("surface_peaks"), result.summary.get("undamped")
-    if stored is not None:
-        points, triangles, peak = (stored[name] for name in ("points", "triangles", "velocity"))
-    else:
-        points, peak = result.arrays["mesh"]["points"], None
-        triangles = _upward(points, figures.outer_skin(points, result.arrays["mesh"]["zones"])[0])
+    stored, box = result.arrays["surface_peaks"], result.summary.get("undamped")
+    points, triangles, peak = (stored[name] for name in ("points", "triangles", "velocity"))
     if box is not None:
         corners = points[triangles][:, :, :2]
         overlaps = (corners.max(axis=1) > box[0]) & (corners.min(axis=1) < box[1])
         triangles = triangles[overlaps.all(axis=1)]
-    return points, triangles, peak if peak is not None and np.any(peak > 0.0) else None
+    return points, triangles, peak if np.any(peak > 0.0) else None
 
 
 def plan_figure(result):
@@ -134,15 +132,19 @@ def _extent(plane, summary):
     return both.min(axis=0) - edge, both.max(axis=0) + edge
 
 
-def _draw_contours(figure, axes, plan, peak, box=None):
-    """Fill the surface by peak velocity in mm/s, with lines at round values."""
-    shown = peak[plan.triangles]
-    most = float(np.percentile(shown, 99.8))
-    least = max(float(shown.min()), 1e-3 * most)
-    levels = [
+def levels_of(peaks):
+    """Return round values 1, 2, 5 that span peaks, the highest 0.2 % left out."""
+    most = float(np.percentile(peaks, 99.8))
+    least = max(float(peaks.min()), 1e-3 * most)
+    return [
         m * 10.0**k for k in range(-9, 9) for m in (1.0, 2.0, 5.0)
         if least / 2.5 <= m * 10.0**k <= 2.5 * most
     ]  # fmt: skip
+
+
+def _draw_contours(figure, axes, plan, peak, box=None):
+    """Fill the surface by peak velocity in mm/s, with lines at round values."""
+    levels = levels_of(peak[plan.triangles])
     drawn = np.clip(peak, levels[0] * 1.0001, levels[-1])
     filled = axes.tricontourf(
         plan, np.log10(drawn), levels=np.log10(levels), cmap="YlOrBr", extend="both"
@@ -163,21 +165,33 @@ def _draw_contours(figure, axes, plan, peak, box=None):
     bar.set_ticks(np.log10(levels), labels=[plain_number(level) for level in levels])
 
 
-def _draw_faults(axes, result, seen):
-    """Draw the traces of joints and faults on the surface: edges with both ends on it."""
+def traces(result, seen):
+    """Yield the traces of joints on a surface: name, whether a fault, edges (n, 2, 3) m.
+
+    Parameters
+    ----------
+    result : Result
+    seen : (n, 3) float64, m
+        Nodes of the surface; an edge with both ends among them lies on it.
+    """
     points, names = result.arrays["mesh"]["points"], result.summary["mesh_names"]
     on_surface = {tuple(p) for p in seen.tolist()}
-    labelled = set()
     for name in names["joints"]:
         corners = points[result.arrays["surfaces"][name]]
         edges = corners[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2, 3)
         up = [tuple(a) in on_surface and tuple(b) in on_surface for a, b in edges.tolist()]
-        fault = name in names["faults"]
+        yield name, name in names["faults"], edges[up]
+
+
+def _draw_faults(axes, result, seen):
+    """Draw the traces of joints and faults on the surface, faults stronger."""
+    labelled = set()
+    for _, fault, edges in traces(result, seen):
         colour, width, word = (
             (figures.FAULT, 1.8, "fault") if fault else (figures.INK, 0.6, "joint")
         )
-        axes.add_collection(LineCollection(edges[up][:, :, :2], colors=colour, linewidths=width))
-        if any(up) and word not in labelled:
+        axes.add_collection(LineCollection(edges[:, :, :2], colors=colour, linewidths=width))
+        if len(edges) and word not in labelled:
             axes.plot([], [], color=colour, lw=width, label=word)
             labelled.add(word)
 
@@ -349,12 +363,18 @@ def _on_grid(corners, values, east, north):
 
 
 def zone_fields(model):
-    """Return the fields of zones: group, block, highest frequency carried; dict of (n_zones,)."""
-    mesh = model.mesh
+    """Return the fields of zones (n_zones,): group, block, highest frequency carried, removable.
+
+    A block is removable if it can leave through a side without a boundary (`count_blocks`).
+    """
+    mesh, held = model.mesh, {boundary.surface for boundary in model.boundaries}
+    block = mesh.blocks().astype(np.int32)
+    free = tuple(name for name in mesh.surfaces if name not in held)
     edge = zone_edge_lengths(mesh).mean(axis=1)
     return {
         "group": mesh.zone_group.astype(np.int32),
-        "block": mesh.blocks().astype(np.int32),
+        "block": block,
+        "removable": count_blocks(mesh, free).removable[block].astype(np.int32),
         "f_max": frequency_of_edge(model.zone_values("cs"), edge, model.edges_per_wavelength),
     }
 
@@ -419,6 +439,40 @@ def write_joints(path, mesh, displacement=None):
     import meshio  # slow to load
 
     _write(path, meshio.Mesh(mesh.points, [("triangle", triangles)], fields, joints))
+
+
+def write_parts(folder, mesh, displacement):
+    """Write each joint as a file of its own, and ``model.vtm``, which opens them with the ground.
+
+    Parameters
+    ----------
+    folder : Path
+        Holds ``zones.vtu``.
+    mesh : Mesh
+        Split.
+    displacement : (n_nodes, 3) float64, m
+    """
+    import meshio  # slow to load
+
+    contacts, files = mesh.contacts, {"ground": "zones.vtu"}
+    jump = displacement[contacts.plus] - displacement[contacts.minus]
+    across = np.sum(jump * contacts.normal, axis=1)
+    along = np.linalg.norm(jump - across[:, None] * contacts.normal, axis=1)
+    for number, name in enumerate(contacts.names):
+        own, fields = contacts.joint == number, {}
+        for title, values in (("shear offset [m]", along), ("opening [m]", across)):
+            fields[title] = np.zeros(len(mesh.points))
+            fields[title][contacts.minus[own]] = fields[title][contacts.plus[own]] = values[own]
+        files[name] = f"joint_{number + 1:02d}.vtu"
+        cells = [("triangle", mesh.surfaces[name])]
+        _write(Path(folder) / files[name], meshio.Mesh(mesh.points, cells, fields))
+    rows = "\n".join(
+        f'<DataSet index="{k}" name={quoteattr(name)} file="{file}"/>'
+        for k, (name, file) in enumerate(files.items())
+    )
+    head = '<VTKFile type="vtkMultiBlockDataSet" version="1.0"><vtkMultiBlockDataSet>'
+    text = f"{head}\n{rows}\n</vtkMultiBlockDataSet></VTKFile>\n"
+    write_text(Path(folder) / "model.vtm", text)
 
 
 def write_motion(folder, points, zones, snapshots):

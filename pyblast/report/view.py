@@ -12,8 +12,10 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial import cKDTree
 
-from ..mesh.faces import face_vectors, pair_faces, zone_faces
+from ..mesh.faces import face_vectors, faces_of_skin, zone_faces
+from ..model.boundary import kinds_of
 from ..model.model import Model
+from ..model.source import MomentTensor, PointForce
 from ..project.places import blast_table, extent_of
 from ..project.project import Project
 from ..project.result import Result, plain
@@ -21,7 +23,7 @@ from ..units import plain_number
 from .maps import UPWARD, shown_surface, zone_fields
 from .pages import page
 
-MOST_TRIANGLES = 40_000  # 0.7 MB of a page
+MOST_TRIANGLES = 80_000  # 1.5 MB of a page
 STEPS = 32_000  # of the longest side of the box
 LEVELS = 65_534  # of a field; 0 is no value
 STEEP = 0.5  # largest vertical part of the normal of a wall
@@ -43,6 +45,8 @@ class Given(NamedTuple):
     box: np.ndarray | None  # (3, 2), m: what is left out lies outside
     holes: list[dict]  # id, collar, toe, charge, time
     receivers: dict[str, dict]  # position, rows of (quantity, value), ppv
+    sides: dict[str, str]  # what holds each, in words
+    sources: list  # positions of forces and moment tensors
     peaks: tuple | None  # points, triangles, velocity of the surface
     jumps: tuple | None  # places, jumps of displacement, normals of contacts
     frames: dict[str, np.ndarray]  # speed of nodes by time
@@ -87,8 +91,8 @@ def scene(shown: Project | Model | Result) -> dict:
         "title": given.title, "low": low, "step": size / STEPS, "triangles": count, "said": said,
         "box": given.box, "groups": given.groups, "fields": fields, "wall": _wall(ground),
         "parts": [_packed(part, fields, low, size / STEPS) for part in parts],
-        "holes": given.holes, "receivers": given.receivers,
-        "times": [float(time) for time in given.frames],
+        "sides": given.sides, "holes": given.holes, "sources": given.sources,
+        "receivers": given.receivers, "times": [float(time) for time in given.frames],
     })  # fmt: skip
 
 
@@ -99,8 +103,8 @@ def _of_model(shown):
     view = model.shown
     joints = [joint.surface for joint in model.joints]
     holes = [] if project is None else [
-        {**hole, "blast": name}
-        for name, blast in project.blasts.items() for hole in blast_table(blast)["holes"]
+        {**hole, "blast": shot.name}
+        for shot in project.shots if shot.blast for hole in blast_table(shot.blast)["holes"]
     ]  # fmt: skip
     return Given(
         "Model" if project is None else project.title,
@@ -111,6 +115,9 @@ def _of_model(shown):
         None if project is None else extent_of(project), _said_of_holes(holes),
         {receiver.name: {"position": receiver.position, "rows": []}
          for receiver in model.receivers},
+        kinds_of(model.boundaries),
+        [list(source.position) for source in model.sources
+         if isinstance(source, (PointForce, MomentTensor))],
         None, None, {}, len(view.mesh.zones) // len(model.mesh.zones),
     )  # fmt: skip
 
@@ -129,11 +136,14 @@ def _of_result(result):
     names, zones = summary["mesh_names"], arrays["zones"]
     return Given(
         summary["title"], mesh["points"], mesh["zones"],
-        {name: zones[name] for name in ("group", "block", "f_max")}, tuple(names["groups"]),
+        {name: values for name, values in zones.items() if values.ndim == 1},
+        tuple(names["groups"]),
         {name: arrays["surfaces"][name] for name in names["joints"]}, tuple(names["faults"]),
         None if box is None else np.array(box),
         _said_of_holes((summary.get("blast") or {"holes": []})["holes"]),
         {name: _receiver(summary, name) for name in summary["receivers"]},
+        summary.get("boundaries", {}),
+        [each["position"] for kind in ("forces", "tensors") for each in summary["sources"][kind]],
         shown_surface(result), jumps,
         {time: np.linalg.norm(velocity, axis=1) for time, velocity in frames},
         len(mesh["zones"]) // summary["model"]["zones"],
@@ -146,6 +156,7 @@ def _said_of_holes(holes):
     return [
         {
             "name": hole["id"], "collar": list(hole["collar"]), "toe": list(hole["toe"]),
+            "column": hole.get("column", [hole["collar"], hole["toe"]]),
             "order": times.index(round(hole["time"], 6)) + 1,
             "late": times.index(round(hole["time"], 6)) / max(1, len(times) - 1),
             "rows": [
@@ -160,15 +171,14 @@ def _said_of_holes(holes):
 
 
 def _receiver(summary, name):
-    """Return position, largest peak and rows of a receiver of a result."""
+    """Return position, rows and state of a receiver of a result."""
     table = summary["receivers"][name]
-    rows, largest = [], None
-    for kind in ("recorded", "simulated"):
-        for component, ppv in zip(*(table[kind][k] for k in ("components", "ppv")), strict=True) \
-                if table[kind] else ():  # fmt: skip
-            if ppv is not None:
-                rows.append((f"{kind} {component}", f"{plain_number(1e3 * ppv)} mm/s"))
-                largest = max(largest or 0.0, ppv) if kind == "simulated" else largest
+    rows = [
+        (f"{kind} {component}", f"{plain_number(1e3 * ppv)} mm/s")
+        for kind in ("recorded", "simulated") if table[kind]
+        for component, ppv in zip(table[kind]["components"], table[kind]["ppv"], strict=True)
+        if ppv is not None
+    ]  # fmt: skip
     limits = (summary.get("compliance") or {"rows": []})["rows"]
     shares = [row["share"] for row in limits if row["receiver"] == name and row["share"]]
     if shares:
@@ -186,7 +196,7 @@ def _ground(given):
     welded = np.unique(points, axis=0, return_inverse=True)[1].reshape(-1)[zones]
     body = np.arange(len(zones)) // given.pieces
     face = np.concatenate([
-        _skin(welded, body, inside[given.fields["group"][inside] == group])
+        faces_of_skin(welded, body, inside[given.fields["group"][inside] == group])
         for group in range(len(given.groups))
     ])  # fmt: skip
     triangles = zone_faces(zones)[face]
@@ -196,7 +206,7 @@ def _ground(given):
     if given.peaks is not None and given.peaks[2] is not None:
         normal = face_vectors(points, triangles)
         up = normal[:, 2] > UPWARD * np.linalg.norm(normal, axis=1)
-        outer = np.isin(face, _skin(welded, body, np.arange(len(zones))))
+        outer = np.isin(face, faces_of_skin(welded, body, np.arange(len(zones))))
         places, fine, peak = given.peaks
         if given.box is not None:
             fine = fine[_touches(given.box[:2], places[fine][..., :2])]
@@ -205,38 +215,6 @@ def _ground(given):
     for number, speed in enumerate(given.frames.values()):
         part["of_point"][f"speed{number}"] = 1e3 * speed[node]
     return part
-
-
-def _skin(zones, body, own):
-    """Return the outer faces, numbered 4 zone + side, of some tetrahedra of a mesh.
-
-    Where neighbours that are cut into tetrahedra share a face and cut it by different diagonals,
-    its halves have no partner, but the quadrilaterals of both bodies have the same corners.
-
-    Parameters
-    ----------
-    zones : (n_zones, 4) int
-        Nodes; nodes of one place are one.
-    body : (n_zones,) int
-        Zone of the model that each is a part of.
-    own : (n,) int
-    """
-    count = int(zones.max(initial=0)) + 1
-    single = np.sort(pair_faces(zones[own], count)[2])
-    face = 4 * own[single // 4] + single % 4
-    corners = np.sort(zone_faces(zones)[face], axis=1)
-    edge = np.concatenate([corners[:, [0, 1]], corners[:, [0, 2]], corners[:, [1, 2]]])
-    half = np.tile(np.arange(len(face)), 3)
-    key = (body[face // 4][half], edge[:, 1], edge[:, 0])
-    order = np.lexsort(key)
-    same = np.all([each[order][1:] == each[order][:-1] for each in key], axis=0)
-    first, second = half[order][:-1][same], half[order][1:][same]
-    shared = edge[order][1:][same]
-    tips = [corners[each].sum(axis=1) - shared.sum(axis=1) for each in (first, second)]
-    four = np.sort(np.column_stack([shared, *tips]), axis=1)
-    number, times = np.unique(four, axis=0, return_inverse=True, return_counts=True)[1:]
-    inner = times[number.reshape(-1)] > 1
-    return np.delete(face, np.concatenate([first[inner], second[inner]]))
 
 
 def _touches(box, corners):
@@ -331,7 +309,10 @@ FIELDS = {
     "ppv": ("peak vector sum", "mm/s", True),
     "slip": ("shear offset of joints at the end", "mm", False),
     "opening": ("opening of joints at the end", "mm", False),
-    "f_max": ("highest frequency carried", "Hz", True), "speed": ("speed", "mm/s", True),
+    "f_max": ("highest frequency carried", "Hz", True),
+    "plastic_shear": ("plastic shear strain at the end", "", True),
+    "plastic_tension": ("plastic tensile strain at the end", "", True),
+    "speed": ("speed", "mm/s", True),
 }  # fmt: skip
 
 

@@ -38,10 +38,12 @@ from ..project.result import (
     write_text,
 )
 from ..recordings.recording import first_recording, read_recording
+from ..report.exports import write_features
 from ..report.maps import (
     surface_of,
     write_joints,
     write_motion,
+    write_parts,
     write_surface,
     write_zones,
     yield_fields,
@@ -236,6 +238,7 @@ def _conclude(project: Project, checked: Check, run_: Run, folder: Path) -> Outc
         "recorded": project.recorded,
     }
     shown, contacts = project.model.shown, project.model.nodes.contacts
+    fields = {**zone_fields(project.model), **yield_fields(run_)}
     mesh, (points, triangles, node) = shown.mesh, surface_of(project.model)
     surface = points, triangles, run_.peak_velocity[node]
     arrays = {group: {n: s.velocity for n, s in g.items()} for group, g in groups.items()}
@@ -243,7 +246,7 @@ def _conclude(project: Project, checked: Check, run_: Run, folder: Path) -> Outc
         "sources": source_tables(project),
         "mesh": {"points": mesh.points, "zones": mesh.zones},
         "surfaces": dict(mesh.surfaces),
-        "zones": {n: v[shown.zone] for n, v in zone_fields(project.model).items()},
+        "zones": {n: v[shown.zone] for n, v in fields.items()},
         "energy": run_.energy,
         "state": run_.state,
         "surface_peaks": dict(zip(("points", "triangles", "velocity"), surface, strict=True)),
@@ -279,15 +282,16 @@ def write_outcome(outcome: Outcome, model: Model) -> None:
     write_tables(folder, result_tables(summary))
     write_curves(folder / "curves", outcome.result)
     write_surface(folder, outcome.result)
+    write_features(folder / "features.geojson", outcome.result)
     shown = model.shown
     mesh, displacement = shown.mesh, run_.state["displacement"][shown.node]
     peak = run_.peak_velocity[shown.node]
     moved = {"displacement": displacement, "peak_velocity": peak}
-    fields = {**zone_fields(model), **yield_fields(run_)}
-    fields = {name: values[shown.zone] for name, values in fields.items()}
+    fields = outcome.result.arrays["zones"]
     write_zones(folder / "zones.vtu", mesh.points, mesh.zones, fields, moved)
     if mesh.contacts is not None:
         write_joints(folder / "joints.vtu", mesh, displacement)
+        write_parts(folder, mesh, displacement)
     snapshots = {t: v[shown.node] for t, v in run_.snapshots.items()}
     write_motion(folder, mesh.points, mesh.zones, snapshots)
 

@@ -32,7 +32,7 @@ def test_a_run_writes_everything(tmp_path):
     assert names == {
         "result.h5", "summary.json", "report.html", "report_one_page.html", "compliance.csv",
         "receivers.csv", "findings.csv", "holes.csv", "tables.xlsx", "curves",
-        "zones.vtu", "joints.vtu",
+        "zones.vtu", "joints.vtu", "joint_01.vtu", "model.vtm", "features.geojson",
         "surface_peaks.csv", "surface_peaks.asc",
         "motion_000.vtu", "motion.pvd",
     }  # fmt: skip
@@ -149,7 +149,7 @@ def test_the_mesh_alone_is_written_for_paraview(tmp_path):
 
     assert done.exit_code == 0
     found = meshio.read(tmp_path / "mesh" / "zones.vtu")
-    assert set(found.cell_data) == {"group", "block", "f_max"}
+    assert set(found.cell_data) == {"group", "block", "removable", "f_max"}
     assert len(found.cells_dict["tetra"]) == 216
 
 

@@ -3,8 +3,8 @@ import pytest
 from small_project import written
 
 from pyblast.mesh.builder import structured_box
+from pyblast.mesh.faces import faces_of_skin, zone_faces
 from pyblast.project.result import read_result
-from pyblast.report.figures import outer_skin
 from pyblast.report.maps import (
     ascii_grid,
     equal_area,
@@ -48,14 +48,16 @@ def test_the_skin_is_closed_and_leaves_joints_out(folder):
     result = read_result(folder / "result.h5")
     points, zones = (result.arrays["mesh"][name] for name in ("points", "zones"))
 
-    triangles, zone = outer_skin(points, zones)
+    welded = np.unique(points, axis=0, return_inverse=True)[1].reshape(-1)[zones]
+    face = faces_of_skin(welded, np.arange(len(zones)), np.arange(len(zones)))
+    triangles = zone_faces(zones)[face]
 
     corners = points[triangles]
     area = 0.5 * np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     np.testing.assert_allclose(area.sum(axis=0), 0.0, atol=1e-9)
     assert np.linalg.norm(area, axis=1).sum() == pytest.approx(2.0 * (1200 + 1800 + 600))
     assert np.linalg.norm(area[:, 2:], axis=1).sum() == pytest.approx(2.0 * 1200)
-    assert zone.max() < len(zones)
+    assert face.max() < 4 * len(zones)
 
 
 def test_peaks_of_the_surface_hold_those_of_the_receiver(folder):

@@ -10,6 +10,9 @@ import pytest
 from small_project import written
 
 from pyblast.mesh.builder import structured_box
+from pyblast.mesh.faces import faces_of_skin, zone_faces
+from pyblast.model.boundary import Viscous
+from pyblast.model.joint import Joint
 from pyblast.model.material import Material
 from pyblast.model.model import Model, Receiver
 from pyblast.project.project import load_project
@@ -92,11 +95,28 @@ def test_halves_of_a_shared_face_that_are_cut_by_other_diagonals_are_no_skin():
     other = [near[tuple(mirrored_y[n])] for n in cube.zones.ravel()]
     for second in (right, other):
         zones = np.concatenate([left, np.array(second).reshape(-1, 4)[:, [1, 0, 2, 3]]])
-        face = view._skin(zones, np.arange(12) // 6, np.arange(12))
+        face = faces_of_skin(zones, np.arange(12) // 6, np.arange(12))
 
-        triangles = points[view.zone_faces(zones)[face]]
+        triangles = points[zone_faces(zones)[face]]
         assert len(face) == 2 * 10  # two cubes have ten outer faces
         assert volume(triangles) == pytest.approx(2.0)
+
+
+def test_a_single_tetrahedron_has_four_faces():
+    assert len(faces_of_skin(np.array([[0, 1, 2, 3]]), np.zeros(1, int), np.zeros(1, int))) == 4
+
+
+def test_a_block_that_can_move_out_is_marked():
+    mesh = structured_box((2, 1, 1), (2.0, 1.0, 1.0), planes={"cut": ("x", 1.0)}).split(["cut"])
+    joint = Joint("cut", "elastic", {"kn": 1e9, "ks": 1e9})
+    model = Model(mesh, {"rock": ROCK}, joints=[joint], boundaries=[Viscous("west")])
+
+    drawn = scene(model)
+
+    ground = drawn["parts"][0]
+    east = corners(drawn, ground).mean(axis=1)[:, 0] > 1.0
+    removable = numbers(ground["of_triangle"]["removable"])
+    np.testing.assert_array_equal(removable, east)  # the western block is held
 
 
 def test_a_thinned_view_keeps_the_largest_value_and_says_what_it_lost(result, monkeypatch):
@@ -149,6 +169,8 @@ def test_holes_and_receivers_stand_at_their_places(tmp_path):
     assert len(drawn["holes"]) == 60
     np.testing.assert_allclose(drawn["holes"][0]["collar"], project.blast.collar[0])
     np.testing.assert_allclose(drawn["holes"][-1]["toe"], project.blast.toe[-1])
+    charges = [hole["column"] for hole in drawn["holes"]]
+    np.testing.assert_allclose(charges, project.blast.columns)
     assert [hole["order"] for hole in drawn["holes"][::15]] == [1, 2, 3, 4]
     for receiver in project.receivers:
         position = drawn["receivers"][receiver.name]["position"]
@@ -228,6 +250,7 @@ key("n"); out.first = document.querySelector(".view .readout").textContent;
 look.value = "south"; look.onchange(); out.turned = picture() !== first;
 var whole = picture(); pick("cut", "north"); out.cut = picture() !== whole;
 out.face = found(5, 25);
+pick("cut", ""); look.value = "south"; look.onchange(); out.side = found(5, 25);
 out.open = document.querySelector("details.values").open;
 document.title = JSON.stringify(out);
 """
@@ -254,5 +277,6 @@ def test_a_browser_turns_cuts_clicks_and_reads_numbers(result, tmp_path):
     assert out["cut"]
     middle = float(re.search(r"north (-?[\d.]+)", out["face"])[1])
     assert middle == pytest.approx(10.0, abs=0.11)  # the cut goes through the middle
+    assert "south side: viscous" in out["side"]
     assert not out["open"]
     assert drawn["fields"]["ppv"]["low"] <= peak <= drawn["fields"]["ppv"]["high"]

@@ -1,5 +1,8 @@
 """What a notebook shows: figures, traces, short texts, and keys that list what is there."""
 
+import sys
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from small_project import TEXT, written
@@ -89,3 +92,18 @@ def test_tables_of_pandas_and_xarray_hold_all_motions():
     pytest.importorskip("xarray")
     data = RESULT.to_xarray()["house"]
     assert data.sel(component="north").to_numpy() == pytest.approx(MOTION.velocity[:, 1])
+
+
+def test_a_notebook_shows_models_that_are_meshed_and_turns_them(tmp_path, monkeypatch):
+    shown = {}
+    html = SimpleNamespace(for_type_by_name=lambda _, name, show: shown.update({name: show}))
+    shell = SimpleNamespace(display_formatter=SimpleNamespace(formatters={"text/html": html}))
+    monkeypatch.setitem(sys.modules, "IPython", SimpleNamespace(get_ipython=lambda: shell))
+    project = pyblast.load_project(written(tmp_path))
+
+    pyblast._show_in_notebooks()
+
+    assert set(shown) == {"Model", "Project", "Result"}
+    assert shown["Project"](project) is None  # not meshed yet
+    assert shown["Model"](project.model).startswith("<iframe")
+    assert shown["Project"](project) == pyblast.ModelView(project)._repr_html_()

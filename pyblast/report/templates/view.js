@@ -6,7 +6,7 @@
   var GROUND = ["#cdb58c", "#8fa3ad", "#5b6570", "#a7b08a", "#b48a78", "#7a8fb0"];
   var MAPS = { ppv: ["#fff7dc", "#fbd277", "#f08a2c", "#c2410c", "#7c1d0a"],
                other: ["#440154", "#46327e", "#365c8d", "#277f8e", "#1fa187", "#4ac16d", "#a0da39", "#fde725"] };
-  var PLANE = { fault: [185, 28, 28], joint: [71, 85, 105] }, RECEIVER = "#1d4ed8", FAR = -1e30, PICK = 14;
+  var PLANE = { fault: [185, 28, 28], joint: [71, 85, 105] }, RECEIVER = "#1d4ed8", REMOVABLE = [126, 34, 206], FAR = -1e30, PICK = 14;
   var SLOW = 70;  // ms of a picture, above which it is drawn coarser while it moves
 
   function rgb(hex) { return [1, 3, 5].map(function (k) { return parseInt(hex.slice(k, k + 2), 16); }); }
@@ -70,6 +70,7 @@
     });
     // What a box cuts off: a little beyond it stays, as its sides may be sides of the mesh.
     var clip = [[-Infinity, -Infinity, -Infinity], [Infinity, Infinity, Infinity]], edge = 1e-5 * Math.hypot(high[0] - low[0], high[1] - low[1], high[2] - low[2]);
+    var whole = [low.slice(), high.slice()];
     if (scene.box) [0, 1, 2].forEach(function (k) {
       clip[0][k] = scene.box[k][0] - edge; clip[1][k] = scene.box[k][1] + edge;
       low[k] = Math.max(low[k], scene.box[k][0]); high[k] = Math.min(high[k], scene.box[k][1]);
@@ -79,7 +80,7 @@
       if ([0, 1].every(function (k) { return at[k] > low[k] - far && at[k] < high[k] + far; }))
         [0, 1, 2].forEach(function (k) { around[0][k] = Math.min(around[0][k], at[k]); around[1][k] = Math.max(around[1][k], at[k]); });
     });
-    return { parts: parts, around: around, low: low, high: high, clip: clip, clipped: Boolean(scene.box) };
+    return { parts: parts, whole: whole, around: around, low: low, high: high, clip: clip, clipped: Boolean(scene.box) };
   }
 
   // Pairs of nodes of the edges that one triangle alone has.
@@ -110,7 +111,7 @@
     };
 
     function raster(part, number, l, camera, options) {
-      var xyz = part.xyz, count = xyz.length / 3, sx = new Float32Array(count), sy = new Float32Array(count), sz = new Float32Array(count);
+      var xyz = part.xyz, count = xyz.length / 3, sx = new Float64Array(count), sy = new Float64Array(count), sz = new Float64Array(count);
       var a = camera.axes, ground = part.kind === "ground", cut = ground ? options.cut : null, low = model.clip[0], high = model.clip[1], k;
       for (k = 0; k < count; k++) {
         var dx = xyz[3 * k] - camera.at[0], dy = xyz[3 * k + 1] - camera.at[1], dz = xyz[3 * k + 2] - camera.at[2];
@@ -119,7 +120,7 @@
         sz[k] = a[2][0] * dx + a[2][1] * dy + a[2][2] * dz;
       }
       var key = options.field, scale = options.scales[key], points = part.ofPoint[options.values || key], faces = part.ofTriangle[key], groups = part.ofTriangle.group;
-      if (key === "material" || key === "block") { points = null; faces = null; }
+      if (!scale) { points = null; faces = null; }
       var t = part.triangles, n;
       for (n = 0; n < t.length; n += 3) {
         var i = t[n], j = t[n + 1], m = t[n + 2];
@@ -171,6 +172,7 @@
     function baseOf(part, group, triangle, key) {
       if (part.kind !== "ground") return PLANE[part.kind];
       var base = rgb(GROUND[group % GROUND.length]);
+      if (key === "removable" && part.ofTriangle.removable[triangle]) return REMOVABLE;
       if (key !== "block") return base;
       var turn = Math.sin(12.9898 * (part.ofTriangle.block[triangle] + 1)) * 43758.5453, shade = 0.78 + 0.4 * (turn - Math.floor(turn));
       return base.map(function (v) { return Math.min(255, v * shade); });
@@ -211,7 +213,8 @@
     }
     var fields = [["material", "material"]];
     if (model.parts[0].ofTriangle.block && model.parts[0].ofTriangle.block.some(function (b) { return b > 0; })) fields.push(["block", "blocks"]);
-    Object.keys(scene.fields).forEach(function (key) { fields.push([key, scene.fields[key].label + " [" + scene.fields[key].unit + "]"]); });
+    if (model.parts[0].ofTriangle.removable && model.parts[0].ofTriangle.removable.some(Boolean)) fields.push(["removable", "removable blocks"]);
+    Object.keys(scene.fields).forEach(function (key) { fields.push([key, scene.fields[key].label + (scene.fields[key].unit ? " [" + scene.fields[key].unit + "]" : "")]); });
     var field = choice("colour", fields, function () { stop(); });
     field.className = "field";
     field.value = scene.fields.ppv ? "ppv" : "material";
@@ -367,16 +370,30 @@
 
     function overlay(cam, w, h, ratio) {
       marks = [];
+      var numbered = [];
       pen.font = 11 * ratio + "px system-ui, sans-serif"; pen.lineCap = "round";
       scene.holes.forEach(function (hole) {
         var from = toScreen(hole.collar, cam, w, h), to = toScreen(hole.toe, cam, w, h), colour = "hsl(" + (250 - 200 * hole.late) + ",75%,38%)";
         pen.globalAlpha = behind([0.5 * (from[0] + to[0]), 0.5 * (from[1] + to[1]), 0.5 * (from[2] + to[2])], w, h) ? 0.45 : 1;
+        var column = hole.column.map(function (at) { return toScreen(at, cam, w, h); });
         pen.strokeStyle = "#fff"; pen.lineWidth = 5 * ratio; line(from, to);
-        pen.strokeStyle = colour; pen.lineWidth = 3 * ratio; line(from, to);
+        pen.strokeStyle = colour; pen.lineWidth = 1.2 * ratio; line(from, to);
+        pen.lineWidth = 3.5 * ratio; line(column[0], column[1]);
         pen.globalAlpha = behind(from, w, h) ? 0.45 : 1;
         pen.fillStyle = colour; pen.beginPath(); pen.arc(from[0], from[1], 3.5 * ratio, 0, 7); pen.fill();
-        if (scene.holes.length <= 60) write(String(hole.order), from[0] + 5 * ratio, from[1] - 4 * ratio, ratio);
-        marks.push({ at: from, name: hole.name, words: "hole " + hole.name + ", number " + hole.order + " to fire", rows: hole.rows, place: hole.collar });
+        if (!numbered.some(function (at) { return Math.hypot(at[0] - from[0], at[1] - from[1]) < 13 * ratio; })) {
+          numbered.push(from); write(String(hole.order), from[0] + 5 * ratio, from[1] - 4 * ratio, ratio);
+        }
+        marks.push({ at: from, words: "hole " + hole.name + ", number " + hole.order + " to fire", rows: hole.rows, place: hole.collar });
+      });
+      scene.sources.forEach(function (at, n) {
+        var s = toScreen(at, cam, w, h), k;
+        pen.globalAlpha = behind(s, w, h) ? 0.45 : 1; pen.strokeStyle = "#b91c1c"; pen.lineWidth = 2 * ratio;
+        for (k = 0; k < 4; k++) {
+          var dx = 7 * ratio * Math.cos(k * Math.PI / 4), dy = 7 * ratio * Math.sin(k * Math.PI / 4);
+          line([s[0] - dx, s[1] - dy], [s[0] + dx, s[1] + dy]);
+        }
+        marks.push({ at: s, words: "source " + (n + 1), rows: [], place: at });
       });
       Object.keys(scene.receivers).forEach(function (name) {
         var r = scene.receivers[name], s = toScreen(r.position, cam, w, h);
@@ -388,7 +405,7 @@
         pen.fillStyle = r.over ? "#b91c1c" : RECEIVER; pen.strokeStyle = "#fff"; pen.lineWidth = 1.5 * ratio;
         pen.beginPath(); pen.moveTo(s[0], s[1]); pen.lineTo(s[0] - 6 * ratio, s[1] - 11 * ratio); pen.lineTo(s[0] + 6 * ratio, s[1] - 11 * ratio); pen.closePath(); pen.fill(); pen.stroke();
         write(name, s[0] + 8 * ratio, s[1] - 8 * ratio, ratio);
-        marks.push({ at: s, name: name, words: "receiver " + name, rows: r.rows, place: r.position });
+        marks.push({ at: s, words: "receiver " + name, rows: r.rows, place: r.position });
       });
       pen.globalAlpha = 1;
       model.parts.forEach(function (part) { if (part.kind !== "ground") label(part, cam, w, h, ratio); });
@@ -433,8 +450,9 @@
           var k = 1; while (k < 65535 && valueOf(scene.fields[key], k) < edge * (1 + 1e-9)) k += 16;
           one("rgb(" + [0, 1, 2].map(function (c) { return s.table[3 * Math.min(65535, k) + c]; }).join(",") + ")", "from " + short(edge));
         });
-        legend.append(scene.fields[key].unit + ", up to " + short(scene.fields[key].high));
+        legend.append(scene.fields[key].unit + (scene.fields[key].unit ? ", " : "") + "up to " + short(scene.fields[key].high));
       } else scene.groups.forEach(function (name, n) { one(GROUND[n % GROUND.length], name); });
+      if (key === "removable") one("rgb(" + REMOVABLE.join(",") + ")", "could move out past its joints");
       ["fault", "joint"].forEach(function (kind) {
         if (model.parts.some(function (part) { return part.kind === kind; })) one("rgb(" + PLANE[kind].join(",") + ")", kind);
       });
@@ -454,9 +472,19 @@
       var place = [0, 1, 2].map(function (k) { return cam.at[k] + u[0] * a[0][k] + u[1] * a[1][k] + u[2] * a[2][k]; });
       var words = [(part.kind === "ground" ? "" : part.kind + " ") + part.name + " at " + places(place)], key = field.value, value = scene.fields[key] && valueOf(scene.fields[key], l.level[at]);
       if (value !== null && value !== undefined) words.push(scene.fields[key].label + " " + short(value) + " " + scene.fields[key].unit);
+      var side = part.kind === "ground" && sideAt(place);
+      if (side) words.push(side);
       if (part.told.dip !== undefined) words.push("dip " + Math.round(part.told.dip) + "°, dip direction " + Math.round(part.told.direction) + "°");
       if (part.told.largest_slip !== undefined) words.push("largest slip " + short(part.told.largest_slip) + " mm");
       readout.textContent = words.join("; ");
+    }
+    function sideAt(at) {
+      var near = 2e-3 * size, found = [["west", 0, 0], ["east", 1, 0], ["south", 0, 1], ["north", 1, 1], ["bottom", 0, 2]].filter(function (s) {
+        return Math.abs(at[s[2]] - (s[1] ? model.high : model.low)[s[2]]) < near;
+      });
+      if (found.length !== 1) return null;
+      var k = found[0][2], gap = Math.abs(model.whole[found[0][1]][k] - (found[0][1] ? model.high : model.low)[k]);
+      return found[0][0] + " side: " + (gap > near ? "the mesh goes on beyond it" : scene.sides[found[0][0]] || "free");
     }
     function places(at) { return "east " + at[0].toFixed(1) + ", north " + at[1].toFixed(1) + ", height " + at[2].toFixed(1) + " m"; }
     function name(mark) {
