@@ -470,8 +470,8 @@ def _changes(projects, parameters, unit, receivers, window, report):
         motions = []
         for first in range(0, len(points), size):
             report("plan", number * len(points) + first, total)
-            some = points[first : first + size]
-            motions += in_batches([set_all(surveyed, parameters, each) for each in some], step)
+            batch = points[first : first + size]
+            motions += in_batches([set_all(surveyed, parameters, each) for each in batch], step)
         results.append(sampled_motion(motions, [receiver.name for receiver in receivers], window))
     motion = np.stack(results, axis=1)
     report("plan", total, total)

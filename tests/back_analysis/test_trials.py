@@ -94,14 +94,14 @@ def test_least_squares_goes_down_in_13_runs_and_is_resumed_to_the_same_trace(twi
 
 
 def test_residuals_of_a_model_that_can_not_be_run_are_infinite(twin, tmp_path, monkeypatch):
-    run_many = parameters.run_many
+    run_many = simulation.run_many
 
     def fails(models, duration, *, step=None):
         if models[0].damping.ratio > 0.03:
             raise SolverError("the motion grew")
         return run_many(models, duration, step=step)
 
-    monkeypatch.setattr(parameters, "run_many", fails)
+    monkeypatch.setattr(simulation, "run_many", fails)
     log = TrialLog(tmp_path / "log.jsonl", identity(twin, "paper", 1))
 
     _, residuals = Trials(twin, log, 2).vectors([[0.1, 0.02, 0.04], [0.1, 0.02, 0.01]])
@@ -182,8 +182,8 @@ def test_a_model_that_can_not_be_run_has_an_infinite_misfit_and_its_reason(
             raise SolverError("the motion grew")
         return run_many(models, duration, step=step)
 
-    run_many = parameters.run_many
-    monkeypatch.setattr(parameters, "run_many", fails)
+    run_many = simulation.run_many
+    monkeypatch.setattr(simulation, "run_many", fails)
 
     misfits = misfits_of(twin, [[0.1, 0.02, 0.01], [0.1, 0.02, 0.04]], tmp_path / "log.jsonl")
 
