@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from inversion_project import PARAMETERS, target, twin_file
 
-from pyblast.back_analysis import parameters, trials
+from pyblast.back_analysis import trials
 from pyblast.back_analysis.trials import TrialLog, Trials, identity
 from pyblast.errors import InputError, ReadError, SolverError
 from pyblast.inference.gauss_newton import levenberg_search
@@ -17,6 +17,7 @@ from pyblast.inference.global_search import paper
 from pyblast.inference.parameter import Parameter
 from pyblast.project.project import load_project
 from pyblast.runs.parallel import workers
+from pyblast.simulation import simulation
 
 TRUTH = np.array([[0.114, 0.025, 0.0112]])
 
