@@ -10,6 +10,7 @@ import pytest
 from inversion_project import PARAMETERS, target, twin_file
 
 from pyblast.back_analysis import trials
+from pyblast.back_analysis.parameters import common_time_step
 from pyblast.back_analysis.trials import TrialLog, Trials, identity
 from pyblast.errors import InputError, ReadError, SolverError
 from pyblast.inference.gauss_newton import levenberg_search
@@ -202,7 +203,7 @@ def test_lagged_damping_that_would_halve_the_step_is_not_marched_in_one_step(tmp
     text = path.read_text().replace("frequency_hz = 4", "frequency_hz = 1\nlagged = true")
     path.write_text(text)
 
-    assert parameters.common_time_step(load_project(path), PARAMETERS) is None
+    assert common_time_step(load_project(path), PARAMETERS) is None
 
 
 def test_a_worker_of_dask_that_is_killed_costs_nothing(twin, tmp_path):
