@@ -8,7 +8,7 @@ from pyblast.diagnosis import library  # noqa: F401  fills the library
 from pyblast.diagnosis.hypotheses import LIBRARY
 from pyblast.inference.parameter import set_all
 from pyblast.inference.records import band_functions
-from pyblast.inference.uncertain_ground import factors_of
+from pyblast.project.uncertain_ground import factors_of
 from pyblast.runs.parallel import cached_run
 from pyblast.simulation.recipe import FINER_ERROR, OF_FITS
 

@@ -91,11 +91,11 @@ def judged(name: str, folder: Path) -> dict:
     given = {path: float(str(value_at(loaded.config, path))) for path in paths_of(site, unknowns)}
     began, stored = time.process_time(), []
     target, table = make_target(loaded), loaded.config.back_analysis
-    waves = target.waveforms
-    assert waves is not None  # the default misfit
+    records = target.records
+    assert records is not None  # the default misfit
     assert table is not None  # written above
-    blasts = on_mesh_of_band(target.projects, waves.window.band[1])
-    fitter = Fitter(blasts, waves, target.parameters, table.runs, folder / f"runs-{site}",
+    blasts = on_mesh_of_band(target.projects, records.band.high)
+    fitter = Fitter(blasts, records, target.parameters, table.runs, folder / f"runs-{site}",
                     report=lambda row: stored.append(row["stored"]))  # fmt: skip
     result = result_of_fit(target, table, fitter.fit())
     spent = time.process_time() - began

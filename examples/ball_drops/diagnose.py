@@ -39,7 +39,7 @@ from survey import (
     with_speeds,
 )
 
-from pyblast.inference.reciprocity import Responses
+from pyblast.project.reciprocity import Responses
 from pyblast.runs.parallel import code_hash, workers
 
 TABLES = "block.toml", "drops.csv", "sensors.csv", "source_force.csv"

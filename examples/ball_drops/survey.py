@@ -9,10 +9,10 @@ import numpy as np
 from pyblast.config.section import read_time_function
 from pyblast.diagnosis.hypotheses import LIBRARY
 from pyblast.diagnosis.library.sides import kind_of_side, sides_of, with_joint
-from pyblast.inference.reciprocity import responses
 from pyblast.model.material import Material
 from pyblast.model.model import Receiver
 from pyblast.project.project import Project, load_project
+from pyblast.project.reciprocity import responses
 from pyblast.recordings.recording import read_recording
 
 HERE = Path(__file__).parent

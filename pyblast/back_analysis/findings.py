@@ -13,7 +13,7 @@ from ..project.places import source_names
 from ..signals.comparison import in_common
 from ..solver.injection import near_receivers
 from .fit import ENOUGH, HALF, LACK
-from .parameters import chosen_records, fitted_blasts
+from .parameters import chosen_records, fitted_blasts, table_of
 from .waveforms import window_of
 
 DATA_PER_PARAMETER = 20  # coefficients of waveforms, below which there is a finding
@@ -58,9 +58,14 @@ def near_source_findings(blasts) -> list[Finding]:
     return []
 
 
+def _chosen(blast, blasts):
+    """Return the records of one of the blasts that their back-analysis uses."""
+    return chosen_records(blast, table_of(blasts[0])[0].receivers)
+
+
 def few_peaks(blasts, n_parameters) -> Finding:
     """D10: the number of data of misfit ``paper``."""
-    records = sum(len(chosen_records(blast, blasts[0])) for blast in blasts)
+    records = sum(len(_chosen(blast, blasts)) for blast in blasts)
     return Finding(
         "D10",
         "Few data for the number of parameters",
@@ -76,7 +81,7 @@ def few_coefficients(blasts, n_parameters) -> list[Finding]:
     """D10: the number of independent coefficients of the waveforms within the band, if small."""
     window = window_of(blasts)
     band = band_functions(window.n_samples, window.dt, window.band)
-    records = [record for blast in blasts for record in chosen_records(blast, blasts[0]).values()]
+    records = [record for blast in blasts for record in _chosen(blast, blasts).values()]
     components = int(sum(record.present.sum() for record in records))
     numbers = components * band.n_functions
     if numbers >= DATA_PER_PARAMETER * n_parameters:
@@ -100,7 +105,7 @@ def late_records(blasts) -> list[Finding]:
     late = {
         f"{blast.path.name}, {name}": record.start
         for blast in blasts
-        for name, record in chosen_records(blast, blasts[0]).items()
+        for name, record in _chosen(blast, blasts).items()
         if record.start > record.dt
     }
     if not late:

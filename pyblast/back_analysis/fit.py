@@ -15,13 +15,13 @@ from ..inference.error_model import NORMAL_95, ErrorModel, Levels, Posterior
 from ..inference.nuisances import Linearised, nuisances_of
 from ..inference.parameter import DENSITY, GEOMETRY, SPEED, STIFFNESS, Parameter, set_all
 from ..inference.records import Records, band_functions
-from ..inference.uncertain_ground import held_beside, sought_in
-from ..project.places import on_ground
+from ..project.places import firings_of, on_ground
 from ..project.project import Project
+from ..project.uncertain_ground import held_beside, sought_in
 from ..simulation.recipe import BETTER
 from ..simulation.simulation import Simulation
 from ..solver.preparation import LEDGER_EVERY, prepare
-from .waveforms import Waveforms, remaining
+from .waveforms import remaining
 
 ALL_LEVELS = Levels(
     scatter=(3e-5, 1e-4, 3e-4, 1e-3, 3e-3, 1e-2, 3e-2, 1e-1, 3e-1),
@@ -227,7 +227,8 @@ class Fitter:
     ----------
     blasts : tuple of Project
         On the mesh of `on_mesh_of_band`.
-    waves : Waveforms
+    records : Records
+        What the fit compares.
     parameters : sequence of Parameter
     limit : int
         Evaluations at most; each is one run of every blast.
@@ -243,12 +244,12 @@ class Fitter:
         Gets the `Fit` after every step.
     """
 
-    def __init__(self, blasts: tuple[Project, ...], waves: Waveforms, parameters, limit: int,
+    def __init__(self, blasts: tuple[Project, ...], records: Records, parameters, limit: int,
                  folder=None, executor=None, progress=None, report=None, written=None):  # fmt: skip
-        self.blasts, self.records, self.limit = blasts, waves.records, limit
+        self.blasts, self.records, self.limit = blasts, records, limit
         self.simulation = Simulation(
-            tuple(blast.path.name for blast in blasts), self.records.receivers, waves.window.dt,
-            waves.window.n_samples, max(blast.duration for blast in blasts), folder, executor,
+            tuple(blast.path.name for blast in blasts), records.receivers, records.dt,
+            records.n_samples, max(blast.duration for blast in blasts), folder, executor,
             injected=True,
         )  # fmt: skip
         self.report, self.written = report or (lambda _: None), written or (lambda _: None)
@@ -533,9 +534,8 @@ class Fitter:
             state.motion, state.slopes, tuple(each.kind for each in self.properties), self.aside,
             self.correction,
         )  # fmt: skip
-        nuisances, lost = nuisances_of(
-            around, self.blasts, self.records.receivers, band, self.priors
-        )
+        firings = [firings_of(blast, self.records.receivers) for blast in self.blasts]
+        nuisances, lost = nuisances_of(around, firings, band, self.priors)
         error = ErrorModel(record_blocks(records, state.motion), nuisances, levels)
         slopes = band.project(state.slopes)
         residual = band.project(records.motion - state.motion)

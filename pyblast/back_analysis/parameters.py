@@ -8,9 +8,9 @@ from ..config.config import BackAnalysisConfig, required_table
 from ..config.section import check_path
 from ..errors import Finding, InputError, named_error
 from ..inference.parameter import Parameter, set_all
-from ..project.places import resolved_receivers
+from ..project.checks import carried_band
+from ..project.places import NEAR, resolved_receivers
 from ..project.project import CHEAP, Project, load_project
-from ..project.validity import carried_band
 from ..signals.seismogram import Seismogram
 from ..solver.assembly import time_step
 from ..units import split_key
@@ -116,26 +116,44 @@ def fitted_blasts(project: Project) -> tuple[tuple[Project, ...], Finding | None
         As `blasts_of`, and if the meshes carry nothing of the band.
     """
     blasts = blasts_of(project)
-    names = {name for blast in blasts for name in chosen_records(blast, project)}
+    asked = table_of(project)[0].receivers
+    names = {name for blast in blasts for name in chosen_records(blast, asked)}
     band, finding = carried_band(blasts, blasts[0].compared_band, sorted(names))
     if finding is None:
         return blasts, None
     return tuple(blast.compared_in(band) for blast in blasts), finding
 
 
-def chosen_records(blast: Project, project: Project) -> dict[str, Seismogram]:
-    """Return the records of a blast that the back-analysis of a project uses."""
-    return used_records(blast, table_of(project)[0].receivers)
+def chosen_records(blast: Project, names: Sequence[str]) -> dict[str, Seismogram]:
+    """Return the records of a blast that a back-analysis uses, low-passed like what enters.
 
-
-def used_records(blast: Project, names: Sequence[str]) -> dict[str, Seismogram]:
-    """Return the records of a blast at named receivers, or all, that stand near no source (D38).
-
-    They are low-passed like what enters.
+    See `left_out`.
     """
-    asked = tuple(name for name in blast.recorded if not names or name in names)
-    near = resolved_receivers(blast, asked)
-    return {name: blast.comparable[name].seismogram for name in near}
+    unused = left_out([blast], names)
+    return {
+        name: record.seismogram for name, record in blast.comparable.items()
+        if (blast.name, name) not in unused
+    }  # fmt: skip
+
+
+def left_out(blasts: Sequence[Project], names: Sequence[str]) -> dict[tuple[str, str], str]:
+    """Return why records are not used, by blast and receiver: not named, or near a source (D38).
+
+    Parameters
+    ----------
+    blasts : sequence of Project
+    names : sequence of str
+        Receivers whose records are used; all if empty.
+    """
+    unused = {}
+    for blast in blasts:
+        asked = tuple(name for name in blast.recorded if not names or name in names)
+        far = resolved_receivers(blast, asked)
+        unused |= {
+            (blast.name, name): NEAR if name in asked else "back_analysis.receivers lacks it"
+            for name in blast.recorded if name not in far
+        }  # fmt: skip
+    return unused
 
 
 def is_cheap(parameter: Parameter) -> bool:

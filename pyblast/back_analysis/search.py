@@ -26,15 +26,15 @@ from .parameters import (
     blasts_of,
     candidate_blasts,
     check_parameters,
-    chosen_records,
     common_time_step,
     fitted_blasts,
+    left_out,
     parameters_of,
     table_of,
 )
 from .survey_design import SurveyDesign, constraint_of, ranges_of, survey_design_at
 from .trials import Target, misfit_of
-from .waveforms import make_waveforms
+from .waveforms import recorded_waveforms
 
 METHODS: dict[str, SearchMethod] = {
     "paper": paper,
@@ -192,17 +192,19 @@ def make_target(project: Project) -> Target:
         check_parameters(blast, parameters)
     blasts, _ = fitted_blasts(project)
     steps = tuple(common_time_step(blast, parameters) for blast in blasts)
-    waveforms = None
     if table.misfit == "waveform" and table.method != "levenberg":
         raise InputError(
             f"{where}.method: misfit 'waveform' is fitted by 'levenberg', got {table.method!r}; "
             "leave method out, or give another misfit"
         )
     if table.misfit == "waveform":
-        rms = None if table.noise_mm_per_s is None else 1e-3 * table.noise_mm_per_s
-        records = [chosen_records(blast, project) for blast in blasts]
-        waveforms = make_waveforms(blasts, records, rms)
-    return Target(blasts, parameters, tuple(table.receivers), table.misfit, steps, waveforms)
+        records = recorded_waveforms(blasts)
+        unused = records.unused
+    else:
+        survey = replace(project.survey, shots=tuple(blast.shots[0] for blast in blasts))
+        records, unused = None, survey.named(left_out(blasts, table.receivers))
+    receivers = tuple(table.receivers)
+    return Target(blasts, parameters, receivers, table.misfit, steps, unused, records)
 
 
 def is_recorded(project: Project) -> bool:

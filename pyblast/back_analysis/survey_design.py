@@ -11,10 +11,10 @@ from ..errors import InputError
 from ..inference.gauss_newton import DIFFERENCE
 from ..inference.nuisances import DESIGN_LEVELS
 from ..inference.parameter import Parameter, Problem, problem_of, set_all
-from ..inference.records import band_functions
+from ..inference.records import LEAST_NOISE, band_functions, white_noise
+from ..project.checks import carried_band
 from ..project.places import on_ground
 from ..project.project import Project
-from ..project.validity import carried_band, validity
 from ..simulation.simulation import in_batches
 from ..solver.injection import near_receivers
 from ..solver.slip import Slip, run_with_slip
@@ -40,11 +40,9 @@ from .parameters import (
 )
 from .waveforms import (
     Window,
-    has_noise_window,
     mesh_errors_of,
-    recorded_noise,
+    recorded_waveforms,
     sampled_motion,
-    white_noise,
     window_of,
 )
 
@@ -149,7 +147,7 @@ def without_uncertain(projects, receivers, top) -> tuple[list[SurveyReceiver], t
     for project in projects:
         surveyed = with_receivers(project, receivers)
         near |= {row.receiver for row in near_receivers(surveyed.model) if not row.trusted}
-        for row in validity(surveyed):
+        for row in surveyed.accuracy.rows:
             if row.carried < NEARLY * top:
                 low[row.name] = min(row.carried, low.get(row.name, row.carried))
     candidates = [receiver.name for receiver in receivers if not receiver.in_survey]
@@ -480,20 +478,21 @@ def _changes(projects, parameters, unit, receivers, window, report):
 
 def _noise(blasts, records, names, window):
     """Return the noise of all receivers, and its source."""
-    rms = blasts[0].config.back_analysis.noise_mm_per_s
+    rms, band = blasts[0].config.back_analysis.noise_mm_per_s, window.band
     measured = all(
-        record is not None and has_noise_window(record, window)
+        record is not None and -record.start >= (LEAST_NOISE - 1e-6) * window.dt
         for blast in records
         for record in blast.values()
     )
     if rms is not None or not measured:
         source = "as given" if rms is not None else "assumed"
         rms = NOISE if rms is None else 1e-3 * rms
-        return white_noise(rms, len(names), window), f"{1e3 * rms:g} mm/s rms in the band, {source}"
-    in_survey = list(dict.fromkeys(name for blast in records for name in blast))
-    noise = recorded_noise(blasts, records, in_survey, window)
-    level = noise.density(np.linspace(window.band[0], window.band[1], 50)).sum(axis=(1, 2))
-    take = [in_survey.index(name) if name in in_survey else int(np.argmax(level)) for name in names]
+        noise = white_noise(rms, len(names), band, window.dt, window.n_samples)
+        return noise, f"{1e3 * rms:g} mm/s rms in the band, {source}"
+    gathered = recorded_waveforms(blasts, window)
+    noise, known = gathered.noise, gathered.receivers
+    level = noise.density(np.linspace(*band, 50)).sum(axis=(1, 2))
+    take = [known.index(name) if name in known else int(np.argmax(level)) for name in names]
     noise = replace(
         noise,
         **{part: getattr(noise, part)[take]

@@ -17,14 +17,15 @@ from ..core import BATCH_SIZE
 from ..errors import InputError, ReadError, SolverError
 from ..inference.likelihood import SIGNED, misfit_to
 from ..inference.parameter import Parameter, Problem, problem_of, set_all
+from ..inference.records import Records
 from ..project.project import Project
 from ..project.result import plain
 from ..runs.parallel import input_hash
 from ..signals.seismogram import Seismogram
 from ..signals.spectra import dominant_frequency
 from ..simulation.simulation import in_batches
-from .parameters import used_records
-from .waveforms import Waveforms
+from .parameters import chosen_records
+from .waveforms import remaining, sampled_motion
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,7 +43,9 @@ class Target:
         Of `MISFITS`.
     steps : tuple
         For each project the common time step of all its models, None where each has its own.
-    waveforms : Waveforms, optional
+    unused : dict of str to str
+        Why other records, or channels of them, are not used.
+    records : Records, optional
         The data of misfit ``waveform``.
     """
 
@@ -51,7 +54,8 @@ class Target:
     receivers: tuple[str, ...]
     misfit: str
     steps: tuple
-    waveforms: Waveforms | None = None
+    unused: dict[str, str]
+    records: Records | None = None
 
     @property
     def batch(self) -> int:
@@ -60,7 +64,7 @@ class Target:
 
     def recorded(self, project) -> dict[str, Seismogram]:
         """Return the records of a project that are used."""
-        return used_records(project, self.receivers)
+        return chosen_records(project, self.receivers)
 
 
 def evaluate(target: Target, points) -> list[dict]:
@@ -98,8 +102,10 @@ def misfit_of(target: Target, motions) -> tuple[float, np.ndarray]:
     Also the residuals of all of them, (n,), none where the misfit has none. Of waveforms it is the
     share of the energy of the records that is not explained.
     """
-    if target.waveforms is not None:
-        return target.waveforms.remaining(motions), np.zeros(0)
+    records = target.records
+    if records is not None:
+        motion = sampled_motion(motions, records.receivers, records)
+        return remaining(records, motion), np.zeros(0)
     misfits, residuals = zip(
         *(
             misfit_to(target.misfit, record, simulated[name], project.compared_band)
@@ -314,8 +320,8 @@ def identity(target: Target, method: str, seed: int) -> dict:
         blasts.append([json.dumps(config, sort_keys=True), files])
     parts = [[row.name, row.low, row.high, row.log] for row in target.parameters]
     about = {"method": method, "seed": seed, "misfit": target.misfit, "parameters": parts}
-    if target.waveforms is not None:
-        about["noise"] = target.waveforms.records.noise.variance.tolist()
+    if target.records is not None:
+        about["noise"] = target.records.noise.variance.tolist()
     return {**about, "hash": input_hash("trials", blasts, list(target.receivers), about)}
 
 

@@ -1,16 +1,18 @@
-"""Records of a back-analysis on one sampling: covariance of residuals, fit of a moment rate."""
+"""Records of a back-analysis on one sampling, and the fit of a moment rate."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ..errors import InputError, PyblastError
-from ..inference.records import Noise, Records, band_functions, check_sampling, gather, noise_of
+from ..inference.records import Records
+from ..project.project import Project
 from ..signals.seismogram import Seismogram
 from ..simulation.recipe import edge_factor
+from .parameters import chosen_records, left_out, table_of
 
 SAMPLES_PER_PERIOD = 8.0  # of the highest frequency of the band
-NOISE_PERIODS = 2.0  # shortest noise window, in periods of the highest frequency
 
 
 @dataclass(frozen=True)
@@ -28,30 +30,6 @@ class Window:
     dt: float
     n_samples: int
 
-    @property
-    def noise_samples(self) -> int:
-        """Samples before the first firing that the noise estimate needs."""
-        return int(np.ceil(NOISE_PERIODS * SAMPLES_PER_PERIOD))
-
-
-@dataclass(frozen=True, eq=False)
-class Waveforms:
-    """Waveform data of a back-analysis.
-
-    Parameters
-    ----------
-    window : Window
-    records : Records
-        On the sampling of the window.
-    """
-
-    window: Window
-    records: Records
-
-    def remaining(self, motions) -> float:
-        """Return the share of the energy of the records that motions leave, one dict a blast."""
-        return remaining(self.records, sampled_motion(motions, self.records.receivers, self.window))
-
 
 def remaining(records: Records, motion) -> float:
     """Return the share of the energy of records in their band that a motion leaves.
@@ -66,58 +44,31 @@ def remaining(records: Records, motion) -> float:
     return float(np.sum(missed**2) / np.sum(recorded**2))
 
 
-def make_waveforms(projects, records, rms=None) -> Waveforms:
-    """Resample records to one sampling, with their noise.
+def recorded_waveforms(blasts: Sequence[Project], window: Window | None = None) -> Records:
+    """Gather the records of a back-analysis on one sampling, with their noise.
 
     Parameters
     ----------
-    projects : sequence of Project
-        One for each blast.
-    records : sequence of dict of str to Seismogram
-        For each blast by receiver; 0 s is its first firing.
-    rms : float, m/s, optional
-        Of the noise of each component within the band; estimated from the time before the first
-        firing if not given.
+    blasts : sequence of Project
+        The first one with the table ``[back_analysis]``.
+    window : Window, optional
+        That of `window_of` by default.
 
     Raises
     ------
     InputError
-        If a record has too little before the first firing, or too few samples for the band.
+        As `Survey.records`: such as a record with too little before the first firing.
     """
-    window = window_of(projects)
-    names = tuple(dict.fromkeys(name for blast in records for name in blast))
-    for project, blast in zip(projects, records, strict=True):
-        for name, record in blast.items():
-            where = f"{project.path.name}: receivers.{name}.recorded"
-            check_sampling(where, record, window.band)
-    recordings = [
-        {
-            name: replace(project.comparable[name], seismogram=record)
-            for name, record in blast.items()
-        }
-        for project, blast in zip(projects, records, strict=True)
-    ]
-    motion, valid = gather(recordings, names, 0.0, window.dt, window.n_samples)
-    _refuse_empty(projects, records, names, valid)
-    if rms is not None:
-        noise = white_noise(rms, len(names), window)
-    else:
-        noise = recorded_noise(projects, records, names, window)
-    band = band_functions(window.n_samples, window.dt, window.band, valid)
-    blasts = tuple(project.path.name for project in projects)
-    return Waveforms(window, Records(blasts, names, window.dt, motion, valid, band, noise))
-
-
-def _refuse_empty(projects, records, names, valid):
-    """Refuse a record without a valid sample."""
-    for b, (project, blast) in enumerate(zip(projects, records, strict=True)):
-        for name in blast:
-            if not valid[b, names.index(name)].any():
-                raise InputError(
-                    f"{project.path.name}: receivers.{name}.recorded: no sample after the first "
-                    "firing is present and below full scale; take another record, or leave it out "
-                    "of back_analysis.receivers"
-                )
+    table, window = table_of(blasts[0])[0], window or window_of(blasts)
+    names = dict.fromkeys(
+        name for blast in blasts for name in chosen_records(blast, table.receivers)
+    )
+    survey = replace(blasts[0].survey, shots=tuple(blast.shot for blast in blasts))
+    return survey.records(
+        tuple(names), window.band, dt=window.dt, n_samples=window.n_samples,
+        noise=None if table.noise_mm_per_s is None else 1e-3 * table.noise_mm_per_s,
+        unused=left_out(blasts, table.receivers),
+    )  # fmt: skip
 
 
 def window_of(projects) -> Window:
@@ -145,54 +96,6 @@ def sampled_motion(motions, receivers, window) -> np.ndarray:
                 seismogram = motion[name].sampled(0.0, window.dt, window.n_samples)
                 sampled[b, r] = np.nan_to_num(seismogram.velocity).T
     return sampled
-
-
-def white_noise(rms, n_receivers, window) -> Noise:
-    """Return white noise with an rms in m/s within the band of a window."""
-    low, high = window.band
-    step = max(window.dt, 0.25 / high)
-    variance = np.full((n_receivers, 3), rms**2 / (2.0 * (high - low)) / step)
-    return Noise(
-        step, np.zeros((n_receivers, 3, 1)), variance, np.tile(np.eye(3), (n_receivers, 1, 1)),
-        np.ones((n_receivers, 3)), 1.0 / (window.n_samples * window.dt),
-    )  # fmt: skip
-
-
-def has_noise_window(record, window) -> bool:
-    """Tell whether a record begins early enough before the first firing to estimate its noise."""
-    return -record.start >= (window.noise_samples - 1e-6) * window.dt
-
-
-def recorded_noise(projects, records, receivers, window) -> Noise:
-    """Estimate the noise of receivers from their records before the first firing.
-
-    Raises
-    ------
-    InputError
-        If a record begins too late.
-    """
-    for project, blast in zip(projects, records, strict=True):
-        for name, record in blast.items():
-            if not has_noise_window(record, window):
-                raise InputError(
-                    f"{project.path.name}: receivers.{name}.recorded: begins at {record.start:g} s"
-                    f", but waveforms need {window.noise_samples * window.dt:.2g} s of noise "
-                    "before the first firing (0 s); take a record with more pre-trigger, set its "
-                    "start_s, or give back_analysis.noise_mm_per_s"
-                )
-    shortest = min(-record.start for blast in records for record in blast.values())
-    n = int(shortest / window.dt + 1e-6)
-    windows = np.full((len(records), len(receivers), 3, n), np.nan)
-    for b, blast in enumerate(records):
-        for name, record in blast.items():
-            samples = record.sampled(-n * window.dt, window.dt, n).velocity.T
-            windows[b, receivers.index(name)] = np.where(record.present[:, None], samples, np.nan)
-    for each in windows.transpose(1, 2, 0, 3):
-        # A component that no blast recorded takes the noise of another, reversed in time, so that
-        # the two are independent.
-        recorded = np.isfinite(each).any(axis=(1, 2))
-        each[~recorded] = each[int(np.flatnonzero(recorded)[0]), :, ::-1]
-    return noise_of(windows, window.dt, window.band)
 
 
 COARSER = 5.0  # error of the coarser mesh over that of the working mesh

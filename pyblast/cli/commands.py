@@ -113,6 +113,9 @@ def run_command(
         Path | None,
         typer.Option(help="Write the model for the program pyblast-run, and simulate nothing."),
     ] = None,
+    error: Annotated[
+        bool, typer.Option("--error", help="Measure the error at receivers by a coarser run.")
+    ] = False,
     verbose: Verbose = False,
 ):
     """Run the whole chain of a project file to a report.
@@ -136,7 +139,9 @@ def run_command(
                 return
             from ..workflows import run as workflow
 
-            outcome = workflow.run(loaded, out, fresh=fresh, progress=progress, say=console.say)
+            outcome = workflow.run(
+                loaded, out, fresh=fresh, error=error, progress=progress, say=console.say
+            )
         console.show_inputs(loaded.log.table(), verbose)
         console.show_outcome(outcome)
         if outcome.check.failed and not accept_findings:
@@ -184,7 +189,7 @@ def mesh(
         from ..workflows.run import write_mesh_files
 
         console.show_model_summary(write_mesh_files(loaded, out))
-        console.say(f"written: {out / 'zones.vtu'}, {out / 'joints.vtu'}")
+        console.say(f"written: {out / 'model.vtm'}, {out / 'zones.vtu'}")
         console.say(f"view:    {out / 'view.html'}")
 
 
@@ -230,6 +235,9 @@ def compare_command(
         float | None,
         typer.Option(help="Low-pass in Hz of the sources of a prediction in miniSEED."),
     ] = None,
+    zero_phase: Annotated[
+        bool, typer.Option("--zero-phase", help="Say that this low-pass is of zero phase.")
+    ] = False,
 ):
     """Compare a record with a simulation.
 
@@ -243,7 +251,7 @@ def compare_command(
         from ..workflows.run import compare_files
 
         band = None if low is None or high is None else (low, high)
-        files = recorded, simulated, receiver, band, bearing, sheet, unit, low_passed
+        files = recorded, simulated, receiver, band, bearing, sheet, unit, low_passed, zero_phase
         console.show_compared(*compare_files(*files))
 
 
@@ -480,6 +488,7 @@ def diagnose_command(
             )
         from ..diagnosis.summary import UNSURE, diagnosis_lines
         from ..runs.parallel import workers as pool
+        from ..signals.seismogram import ZeroPhase
         from ..workflows import diagnose as workflow
 
         if predict is not None:
@@ -498,7 +507,8 @@ def diagnose_command(
             assert predict is not None  # goes with the outputs
             corner = workflow.predict_case(case, folder, predict, path, baseline=baseline)
             unsure = result["outcome"] in UNSURE and not baseline
-            passed = f", low-passed at {corner:.3g} Hz like what enters" if corner else ""
+            phase = " without phase" * isinstance(corner, ZeroPhase)
+            passed = f", low-passed at {corner:.3g} Hz{phase} like what enters" if corner else ""
             console.say(f"written: {path}{passed}{', from a diagnosis that is unsure' * unsure}")
 
 

@@ -453,6 +453,8 @@ def show_search(
     show_findings(findings)
     for line in result.missing:
         say(f"not computed: {line}")
+    for record, reason in result.target.unused.items():
+        say(f"not used: the record {record}: {reason}")
     trace = result.trace
     if result.fit is None:
         say(

@@ -294,6 +294,7 @@ class InputConfig(Section):
     inclination_deg: Inclination | None = None
     free_surface: Name = "top"
     low_pass_hz: Positive | None = 20.0
+    zero_phase: bool = False
     distance_m: Positive | None = None
     decay_exponent: Exponent | None = None
 

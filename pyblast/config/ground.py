@@ -371,9 +371,9 @@ class MaterialConfig(Section):
             "ubiquitous": self.ubiquitous is not None,
             "transverse or joints": self.transverse is not None or bool(self.joints),
         }
-        given = [name for name, wanted in laws.items() if wanted]
-        if len(given) > 1:
-            raise ValueError(f"{given[0]} and {given[1]} exclude one another; keep one")
+        chosen = [name for name, wanted in laws.items() if wanted]
+        if len(chosen) > 1:
+            raise ValueError(f"{chosen[0]} and {chosen[1]} exclude one another; keep one")
         if self.yielding is not None and self.cohesion_kpa is None:
             raise ValueError("cohesion_kpa is missing beside yielding")
         return self

@@ -36,9 +36,9 @@ class SiteLawConfig(Section):
 def refuse_two_levels(section) -> None:
     """Refuse two levels of a charged hole; without one it follows from a published law."""
     keys = ("pressure_mpa", "peak_mm_per_s", "law", "site_law")
-    given = [key for key in keys if getattr(section, key) is not None]
-    if len(given) > 1:
-        raise ValueError(f"give {given[0]} or {given[1]}, not both")
+    stated = [key for key in keys if getattr(section, key) is not None]
+    if len(stated) > 1:
+        raise ValueError(f"give {stated[0]} or {stated[1]}, not both")
 
 
 class ChargedHoleConfig(Section):
@@ -74,6 +74,7 @@ class HolesInsideConfig(Section):
     moment_rate_file: str | None = None
     charged_hole: ChargedHoleConfig | None = None
     low_pass_hz: Positive | Literal["mesh", "none"] | None = None
+    zero_phase: bool = False
     spread_m: Positive | None = None
     detonation_m_per_s: Speed | None = None
     primed_at: Literal["toe", "collar"] | None = None
@@ -83,6 +84,8 @@ class HolesInsideConfig(Section):
     def _one_moment(self):
         """Ask for one of the two, and for columns that are whole."""
         self._one_of(("moment_rate_file",), ("charged_hole",))
+        if self.zero_phase and self.low_pass_hz == "none":
+            raise ValueError("zero_phase is of a low-pass; give low_pass_hz or leave it out")
         if self.primed_at is not None and self.detonation_m_per_s is None:
             raise ValueError("detonation_m_per_s is missing beside primed_at")
         if self.spread_m is not None and self.detonation_m_per_s is not None:

@@ -10,8 +10,8 @@ from ..errors import InputError
 from ..inference.gauss_newton import LeastSquares, gauss_newton
 from ..inference.likelihood import ENERGY_SHARE, EnergyShares, Likelihood, StudentT
 from ..inference.parameter import Parameter, set_all
-from ..inference.uncertain_ground import factors_of
 from ..project.project import Project
+from ..project.uncertain_ground import factors_of
 from ..simulation.simulation import Simulation
 from .case import Case, case_of
 from .thresholds import WRONG_UNIT

@@ -13,8 +13,8 @@ from ..blasts.blast import Blast
 from ..errors import InputError, contained
 from ..ground.tables import quality_of
 from ..inference.parameter import Parameter, set_all
-from ..inference.uncertain_ground import factors_of
 from ..project.project import Project
+from ..project.uncertain_ground import factors_of
 from ..simulation.simulation import Simulation
 from ..solver.assembly import time_step
 from . import library  # noqa: F401  fills the library

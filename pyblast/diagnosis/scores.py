@@ -18,6 +18,7 @@ from ..inference.nuisances import (
     nuisances_of,
 )
 from ..inference.parameter import STIFFNESS, kind_of_key
+from ..project.places import firings_of
 from .case import Case
 from .effects import Effect, Scene, starting_effects
 from .fitting import Fit, unwhitened
@@ -273,7 +274,7 @@ def error_of(scene: Scene, members: Sequence[Member] = ()) -> ErrorModel:
     shared, lost = nuisances_of(
         Linearised(motion, baseline.slopes, kinds, scene.surroundings.slopes(),
                    baseline.correction),
-        [case.project.of(name) for name in case.blasts], case.receivers, band, priors,
+        [firings_of(case.project.of(name), case.receivers) for name in case.blasts], band, priors,
         _late_holes(scene),
     )  # fmt: skip
     held, simulated = band.project(baseline.slopes), band.project(motion)

@@ -70,12 +70,11 @@ def summarise_diagnosis(
             "chi_square_of_answer": None if change is None else round(change, 2),
         },
         "data_quality": {
-            "dead_channels": list(case.dead),
+            "unused_records": case.unused,
             "receivers_without_records": [
                 receiver.name for receiver in case.project.receivers
-                if receiver.name not in (*case.receivers, *case.near)
+                if receiver.name not in (*case.receivers, *case.unused)
             ],
-            "receivers_near_a_source": list(case.near),
             "band_hz": [case.band.low, case.band.high],
             "band_limited": case.carried,
             "clipped": _clipped(case),

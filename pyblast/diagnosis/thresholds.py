@@ -3,6 +3,7 @@
 from typing import NamedTuple
 
 from ..inference.likelihood import DOUBT, ENERGY_SHARE, MESH_SHARE
+from ..survey import SHORTEST_RECORD
 
 
 class Threshold(NamedTuple):
@@ -54,9 +55,7 @@ _enter("MESH_SHARE", MESH_SHARE, "energy that a finer mesh changes",
 _enter("DOUBT", DOUBT, "degrees of freedom",
        "Uncertainty of the model error, Student's t", "assumed")  # fmt: skip
 # Records
-SHORTEST_RECORD = _enter(
-    "SHORTEST_RECORD", 0.5, "longest record", "No record may end earlier", "assumed"
-)
+_enter("SHORTEST_RECORD", SHORTEST_RECORD, "longest record", "No record may end earlier", "assumed")
 WRONG_UNIT = _enter(
     "WRONG_UNIT", 100.0, "", "Records so many times larger or smaller than simulated are refused",
     "no missing physics does that; mm/s are 1000 times m/s",

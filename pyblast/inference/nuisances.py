@@ -8,7 +8,6 @@ from scipy import fft, ndimage
 
 from ..config.config import PriorsConfig
 from ..errors import InputError
-from ..project.project import Project
 from .parameter import SPEED, STIFFNESS
 from .records import Band
 
@@ -430,8 +429,7 @@ class Linearised:
 
 def nuisances_of(
     around: Linearised,
-    blasts: Sequence[Project],
-    receivers: Sequence[str],
+    firings: Sequence[Firings | None],
     band: Band,
     priors: PriorsConfig,
     by_hole: Mapping[int, np.ndarray] | None = None,
@@ -441,8 +439,8 @@ def nuisances_of(
     Parameters
     ----------
     around : Linearised
-    blasts : sequence of Project
-    receivers : sequence of str
+    firings : sequence of Firings or None
+        Of each blast; None where nothing fires by hole.
     band : Band
     priors : PriorsConfig
     by_hole : mapping of int to (n_holes, n_blasts, n_receivers, 3, n_functions) float64, optional
@@ -469,35 +467,8 @@ def nuisances_of(
     own = moving_columns(parts, parts["source"].shape[1:])
     seconds = {"trigger": 1e-3 * priors.trigger_ms, "clock": 1e-3 * priors.clock_ms}
     survey = shift_columns(motion, around.moved, band, {**seconds, "receiver": priors.receiver_m})
-    firings = [firings_of(blast, receivers) for blast in blasts]
     holes, lost = hole_columns(motion, firings, band, 1e-3 * priors.firing_ms, by_hole)
     uneven = [n for n, kind in enumerate(around.kinds) if kind in UNEVEN]
     deviations = [UNEVEN[around.kinds[n]] for n in uneven]
     ground = random_slopes(around.slopes[uneven], deviations, band)
     return own + survey + holes + ground + transfer_columns(motion, band), lost
-
-
-def firings_of(blast: Project, receivers: Sequence[str]) -> Firings | None:
-    """Return the firings of a blast with their travel times; None where nothing fires by hole.
-
-    Holes inside fire at the centre of their moment rate, from which their waves travel.
-    """
-    config, fired = blast.config, blast.blast
-    if fired is None or (config.holes_inside is None and config.signature is None):
-        return None
-    if config.holes_inside is None:
-        firing = blast.firing
-        late = np.zeros((len(receivers), len(firing.times)))
-        return Firings(firing.times - firing.times.min(), firing.scales, late)
-    exponent = 1.0 if config.blast is None else config.blast.charge_exponent
-    charge = np.nan_to_num(fired.charge) ** exponent
-    speed = min(rock.cs for rock in blast.materials.values())
-    known = {receiver.name: np.asarray(receiver.position) for receiver in blast.receivers}
-    late = np.zeros((len(receivers), len(charge)))
-    for r, name in enumerate(receivers):
-        if name in known:
-            away = np.linalg.norm(fired.centres - known[name], axis=1)
-            late[r] = (away - away.mean()) / speed
-    rate = blast.inside.moment_rate
-    emitted = 0.0 if rate is None else rate.centre
-    return Firings(fired.times - fired.times.min() + emitted, charge, late)

@@ -166,6 +166,7 @@ def _gapped(basis, valid):
 
 
 ORDER = 8
+LEAST_NOISE = 16  # samples of a window of noise: two periods at 8 of them
 TIME_BANDWIDTH = 1.5
 N_TAPERS = 2
 REACH = 2.0
@@ -272,9 +273,10 @@ def noise_of(windows, dt, band) -> Noise:
             f"got {windows.shape}"
         )
     n = windows.shape[-1]
-    if n < 16 or n * dt * band[1] < 1.0:
+    if n < LEAST_NOISE or n * dt * band[1] < 1.0:
         raise InputError(
-            f"noise windows: need 16 samples and {1.0 / band[1]:g} s, got {n} and {n * dt:g} s"
+            f"noise windows: need {LEAST_NOISE} samples and {1.0 / band[1]:g} s, "
+            f"got {n} and {n * dt:g} s"
         )
     windows = windows - windows.mean(axis=-1, keepdims=True)
     given = np.all(np.isfinite(windows), axis=-1)
@@ -293,6 +295,17 @@ def noise_of(windows, dt, band) -> Noise:
     unmixed = np.broadcast_to(np.eye(3), (*variance.shape[:1], 3, 3))
     noise = Noise(step, coefficients, variance * inflation, unmixed, inflation, 1.0 / (n * dt))
     return _correlated(noise, windows, moving, band_functions(n, dt, band))
+
+
+def white_noise(rms, n_receivers, band, dt, n_samples) -> Noise:
+    """Return white noise with an rms in m/s within a band in Hz, for samples (n_samples,)."""
+    low, high = band
+    step = max(dt, 0.25 / high)
+    variance = np.full((n_receivers, 3), rms**2 / (2.0 * (high - low)) / step)
+    return Noise(
+        step, np.zeros((n_receivers, 3, 1)), variance, np.tile(np.eye(3), (n_receivers, 1, 1)),
+        np.ones((n_receivers, 3)), 1.0 / (n_samples * dt),
+    )  # fmt: skip
 
 
 def _autoregression(windows, n_windows, dt, step):
@@ -370,8 +383,9 @@ class Records:
     band : Band
     noise : Noise
         Of each receiver.
-    dead : tuple of str
-        Channels of zeros, such as ``R3 north``; none of their samples is valid.
+    unused : dict of str to str
+        Why recordings, such as ``R3`` or ``R3 in B1``, and channels, such as ``R3 north``, are not
+        used.
     """
 
     blasts: tuple[str, ...]
@@ -381,7 +395,7 @@ class Records:
     valid: np.ndarray
     band: Band
     noise: Noise
-    dead: tuple[str, ...] = ()
+    unused: dict[str, str] = field(default_factory=dict)
 
     @property
     def n_samples(self) -> int:
@@ -459,7 +473,7 @@ def _resampled(recording, start, dt, n_samples):
     """Return the same of a recording with another sampling."""
     record, times = recording.seismogram, start + dt * np.arange(n_samples)
     velocity = record.sampled(start, dt, n_samples).velocity
-    inside = (times >= record.start) & (times <= record.times[-1] + 1e-9)
+    inside = (times >= record.start - 1e-9) & (times <= record.times[-1] + 1e-9)
     good = record.present & inside[:, None]
     for component, marks in enumerate(recording.clipped.T):
         good[:, component] &= _apart(times, record.times[marks], max(dt, record.dt))

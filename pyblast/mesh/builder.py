@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 from ..errors import InputError, PyblastWarning
 from .block_cutter import SIDES, CutReport, CuttingPlane, cut_cells, rock_cells
 from .blocks import area_vector, carved, cell_vertices
+from .blocks import edges as loop_edges
 from .gmsh import MeshingError, growth_distance, mesh_cells
 from .grid import Fault, JointSet, Layer, graded_axis, layer_limits, structured_box
 from .mesh import Mesh
@@ -162,7 +163,11 @@ def build_mesh_report(
             cells, moved, refused = _terrain_cells(cells, terrain, near)
             report = replace(report, terrain=moved, refused=report.refused + refused)
         _weld_shares(cells, sets, seed)
-        return cells, report, *mesh_cells(cells, regions, outside, optimize)
+        try:
+            meshed = mesh_cells(cells, regions, outside, optimize)
+        except MeshingError as error:
+            raise MeshingError(f"{error}; {_narrowest(cells)}") from None
+        return cells, report, *meshed
 
     cells, report, points, zones, cell, surfaces, slivers = _with_retries(fill)
     names = list(dict.fromkeys(layer.name for layer in layers))
@@ -172,6 +177,19 @@ def build_mesh_report(
     _announce(report, len(zones))
     zone_group = number[np.array(cells.kinds)[cell] % len(layers)]
     return Mesh(points, zones, zone_group, tuple(names), surfaces), report
+
+
+def _narrowest(cells):
+    """Return in words where the shortest line between blocks lies, and on which surfaces."""
+    lines = {line for loop in cells.loops for line in loop_edges(loop)}
+    ends = {line: np.subtract(*(cells.points[v] for v in line)) for line in lines}
+    line = min(sorted(lines), key=lambda each: float(np.linalg.norm(ends[each])))
+    near = (tag for tag, loop in zip(cells.tags, cells.loops, strict=True) if {*line} & {*loop})
+    x, y, z = np.mean([cells.points[v] for v in line], axis=0)
+    return (
+        f"the shortest line between blocks, {np.linalg.norm(ends[line]):.2g} m near "
+        f"({x:.4g}, {y:.4g}, {z:.4g}) m, is where {', '.join(sorted({*near} - {''}))} meet"
+    )
 
 
 def _with_retries(fill):

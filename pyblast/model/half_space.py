@@ -1,6 +1,7 @@
-"""Half-space: motion of a buried explosion, by a wavenumber integral."""
+"""Half-space: motion of buried explosions, moment tensors and forces, by wavenumber integrals."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
 
 import numpy as np
 import scipy
@@ -14,6 +15,68 @@ FAINTEST = 1e-4  # of the energy of acceleration, beyond the frequencies taken
 DECAYED = 12.0  # decay over the path up and down, in powers of e, where the integrand ends
 FASTER = 1.3  # wavenumbers over those of S waves, beyond the pole of Rayleigh waves
 REPEATED = 1.2  # distance after which sources repeat, over the reach of P waves
+
+
+class Radiation(NamedTuple):
+    """Radiation of a source at a point that varies with azimuth as cos(m theta) or sin(m theta).
+
+    Parameters
+    ----------
+    order : int
+        m.
+    force : (float, float)
+        Away from the source along the azimuth of the wave, and down.
+    tensor : (float, float, float)
+        Moment along that azimuth, its couple with the vertical, and along the vertical.
+    """
+
+    order: int
+    force: tuple[float, float] = (0.0, 0.0)
+    tensor: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+    def incident(self, k, nu, eta):
+        """Return amplitudes of P, SV and SH waves that go up, over 1/(density omega^2).
+
+        At wavenumbers k (n,) with vertical ones nu of P and eta of S; theory.md (5.26).
+        """
+        (along, down), (level, couple, upright) = self.force, self.tensor
+        pressure = 1j * k * (along - 2.0 * nu * couple) + nu * down
+        pressure = pressure + k**2 * level - nu**2 * upright
+        radial = along - 1j * k * level - eta * couple
+        vertical = down - 1j * k * couple - eta * upright
+        across = {0: 0.0 * k, 1: along - eta * couple, 2: -1j * k * level}[self.order]
+        sheared = (k * vertical + 1j * eta * radial) / eta
+        return -pressure / nu, sheared, across * (k**2 - eta**2) / eta
+
+
+EXPLOSION = Radiation(0, tensor=(1.0, 0.0, 1.0))
+
+
+def radiations(
+    tensor: np.ndarray | None = None, force: Sequence[float] = (0.0, 0.0, 0.0)
+) -> list[tuple[Radiation, float, float]]:
+    """Return the parts of a source by azimuth, with their cosine and sine from east to north.
+
+    Parameters
+    ----------
+    tensor : (3, 3) float64, optional
+        Symmetric moment tensor, east, north, up.
+    force : (3,) float
+
+    Returns
+    -------
+    list of (Radiation, float, float)
+        Without those that are zero.
+    """
+    m, f = np.zeros((3, 3)) if tensor is None else np.asarray(tensor, dtype=float), force
+    own = Radiation(0, (0.0, -f[2]), (0.5 * (m[0, 0] + m[1, 1]), 0.0, m[2, 2]))
+    parts = [
+        (own, float(any((*own.force, *own.tensor))), 0.0),
+        (Radiation(1, force=(1.0, 0.0)), f[0], f[1]),
+        (Radiation(1, tensor=(0.0, 1.0, 0.0)), -m[0, 2], -m[1, 2]),
+        (Radiation(2, tensor=(1.0, 0.0, 0.0)), 0.5 * (m[0, 0] - m[1, 1]), m[0, 1]),
+    ]
+    return [(part, float(c), float(s)) for part, c, s in parts if c or s]
 
 
 def explosion(
@@ -87,40 +150,90 @@ def _at(function: Callable, times):
 
 def reflected_waves(
     rate: TimeFunction,
-    depth: float,
+    depth: float | Sequence[float],
     distances: np.ndarray,
     depths: np.ndarray,
     times: np.ndarray,
     rock: Material,
+    radiation: Radiation = EXPLOSION,
+    delays: float | Sequence[float] = 0.0,
 ) -> np.ndarray:
-    """Return what the surface adds to `explosion`, with the same arguments; (5.20) to (5.22)."""
+    """Return the velocity that a free surface adds to that of a source in unbounded rock.
+
+    Parameters
+    ----------
+    rate : TimeFunction
+        Moment rate in N m/s, or the derivative of a force in N/s.
+    depth, delays : float or (n_points,) float, m and s
+        Of the points above one another over which the source is spread, and their firing times.
+    distances, depths, times, rock
+        As of `explosion`.
+    radiation : Radiation
+
+    Returns
+    -------
+    (n_distances, n_depths, n, 2 or 3) float64, m/s
+        Away from the source and up, of an order above 0 across to the left, too: the former two
+        over cos(m theta), the latter over -sin(m theta); theory.md (5.20) to (5.22), (5.26).
+    """
+    source, late = np.broadcast_arrays(*(np.atleast_1d(each) for each in (depth, delays)))
     start = float(times.min())
     steps = np.ceil(WINDOW * (float(times.max()) - start) / rate.dt)
     window = rate.dt * (steps + 1.0)
     omega, spectrum = _frequencies(rate, start, window)
     reach = float(distances.max()) + REPEATED * rock.cp * (start + window - rate.start)
-    dk, path = np.pi / reach, depth + float(depths.min())
-    most = np.maximum(np.hypot(DECAYED / path, omega.real / rock.cp), FASTER * omega.real / rock.cs)
+    dk, path = np.pi / reach, float(source.min()) + float(depths.min())
+    most = np.maximum(np.hypot(DECAYED / path, omega.real / rock.cs), FASTER * omega.real / rock.cs)
     wavenumbers = dk * (np.arange(int(most.max() / dk) + 1) + 0.5)
-    phase = np.multiply.outer(distances, wavenumbers)
-    across, upright = -wavenumbers * scipy.special.j1(phase), scipy.special.j0(phase)
-    parts = np.empty((len(omega), len(distances), len(depths), 2), dtype=complex)
+    bessel = _bessel(radiation.order, np.multiply.outer(distances, wavenumbers))
+    size = 2 if radiation.order == 0 else 3
+    parts = np.empty((len(omega), len(distances), len(depths), size), dtype=complex)
     for row, w in enumerate(omega):
         k = wavenumbers[: int(most[row] / dk) + 1]
         nu, eta = (np.sqrt(k**2 - (w / c) ** 2) for c in (rock.cp, rock.cs))
-        g = k**2 + eta**2
-        direct, cross = -k / nu * np.exp(-nu * depth), 4.0 * nu * eta * k**2
-        up = -direct * (g**2 + cross) / (g**2 - cross)
-        turned = -2.0 * nu * (direct - up) / g
-        p, s = (np.exp(-np.multiply.outer(n, depths)) for n in (nu, eta))
-        along = up[:, None] * p - (eta * turned)[:, None] * s
-        down = (k**2 * turned)[:, None] * s - (nu * up)[:, None] * p
-        parts[row, ..., 0] = across[:, : len(k)] @ along
-        parts[row, ..., 1] = -upright[:, : len(k)] @ down
-    size = 4.0 * np.pi * rock.density * rock.cp**2
-    kernel = np.exp(-1j * np.multiply.outer(times - start, omega)) * spectrum
-    total = np.real(kernel @ parts.reshape(len(omega), -1)).T * (2.0 * dk / (window * size))
-    return total.reshape(len(distances), len(depths), 2, len(times)).swapaxes(2, 3)
+        spread = (
+            np.exp(1j * w * late - np.multiply.outer(n, source)).mean(axis=1) for n in (nu, eta)
+        )
+        motion = _reflected(radiation, k, nu, eta, depths, *spread)
+        parts[row] = _over_wavenumbers(radiation.order, bessel, motion * (k / w**2)[:, None])
+    scale = 2.0 * dk / (window * 4.0 * np.pi * rock.density)
+    kernel = np.exp(-1j * np.multiply.outer(times - start, omega)) * (scale * spectrum)
+    total = np.real(kernel @ parts.reshape(len(omega), -1)).T
+    return total.reshape(len(distances), len(depths), size, len(times)).swapaxes(2, 3)
+
+
+def _bessel(order, phase):
+    """Return Bessel functions of the orders below, at and above an order, (3, ...)."""
+    return [scipy.special.jv(order + k, phase) for k in (-1, 0, 1)]
+
+
+def _reflected(radiation, k, nu, eta, depths, of_p, of_s):
+    """Return the motion (3, n_k, n_depths) of reflected waves: away, down and across.
+
+    ``of_p`` and ``of_s`` (n_k,) are what of the waves of the source is left at the surface.
+    """
+    p, sv, sh = radiation.incident(k, nu, eta)
+    p, sv, sh = p * of_p, sv * of_s, sh * of_s
+    g = k**2 + eta**2
+    cross = 4.0 * nu * eta * k**2
+    up = -(p * (g**2 + cross) + 4.0 * eta * k * g * sv) / (g**2 - cross)
+    turned = -sv - 2.0 * k * nu * (p - up) / g
+    of_p, of_s = (np.exp(-np.multiply.outer(n, depths)) for n in (nu, eta))
+    along = (1j * k * up)[:, None] * of_p - (1j * eta * turned)[:, None] * of_s
+    down = (k * turned)[:, None] * of_s - (nu * up)[:, None] * of_p
+    return np.stack([along, down, sh[:, None] * of_s])
+
+
+def _over_wavenumbers(order, bessel, motion):
+    """Return the sum over wavenumbers, (n_distances, n_depths, 2 or 3): away, up, across."""
+    (along, down, across), n = motion, motion.shape[1]
+    below, at, above = (function[:, :n] for function in bessel)
+    turn = 1j ** (order - 1)
+    upward = -1j * turn * (at @ down)
+    if order == 0:
+        return np.stack([-turn * (above @ along), upward], axis=-1)
+    first, second = 0.5 * turn * (below @ (along + across)), 0.5 * turn * (above @ (along - across))
+    return np.stack([first - second, upward, first + second], axis=-1)
 
 
 def _frequencies(rate, start, window):

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import lru_cache
 from typing import Any, ClassVar, NamedTuple, Protocol
 
 import numpy as np
@@ -14,10 +14,11 @@ from ..core import ZONE_LAWS
 from ..errors import InputError
 from ..units import check_density, check_modulus, check_speed, check_tangent
 
-MECHANISMS = 3  # relaxation mechanisms of a constant Q
+MECHANISMS = 5  # relaxation mechanisms of a constant Q
+USUAL = 30.0  # quality for which the outer rates are chosen
 HALVINGS = 10  # of the interval in which the nearest possible quality lies
 FIT_POINTS = 60  # frequencies of its fit
-INSIDE = np.geomspace(0.5, 1.5, 12)  # first relaxation rate over the low end of the band
+INSIDE = np.geomspace(0.2, 1.5, 24)  # first relaxation rate over the low end of the band
 
 
 class Branch(NamedTuple):
@@ -71,7 +72,7 @@ class ConstantQ:
     qp, qs : float
         Quality factors of P and S waves, at least 2.
     band : tuple of 2 float, Hz
-        Band of constant Q: within 1 % over one decade, 4 % over two, 5 % below Q 10.
+        Band of constant Q: after ten wavelengths motion is within 1 % over two decades.
     reference : float or None, Hz
         Frequency at which the speeds are those of the material; None: geometric mean of the band.
 
@@ -82,8 +83,8 @@ class ConstantQ:
 
     Notes
     -----
-    Generalised Maxwell body with three mechanisms: Emmerich & Korn (1987); theory.md (2.14) to
-    (2.17).
+    Generalised Maxwell body of five mechanisms: Emmerich & Korn (1987); theory.md (2.14)
+    to (2.17). Speeds follow Q, as they do where it is constant: Kjartansson (1979).
 
     Examples
     --------
@@ -114,32 +115,23 @@ class ConstantQ:
         """Return factors that are constant from a third to three times a band of records in Hz."""
         return cls(qp, qs, (band[0] / BEYOND_BAND, band[1] * BEYOND_BAND))
 
-    @cached_property
+    @property
     def rates(self) -> np.ndarray:
-        """Relaxation rates of the mechanisms, (3,) 1/s, log-spaced.
+        """Relaxation rates of the mechanisms, (5,) 1/s, log-spaced; alike for all qualities."""
+        return _rates(self.band)
 
-        The outer rates are chosen, inside or outside the band, for the best fit.
+    def slowness_error(self, quality: float, frequency: ArrayLike) -> np.ndarray:
+        """Return the complex slowness over that of a constant Q at the reference, less 1.
+
+        After n wavelengths motion is off by ``exp(2 pi i n e) - 1``.
         """
-        low, high = self.band
-        choices = [
-            2.0 * np.pi * np.geomspace(low * inside, high / inside, MECHANISMS) for inside in INSIDE
-        ]
-        return min(choices, key=self._worst)
-
-    def _worst(self, rates):
-        """Return the largest relative error of 1/Q over the band with these rates."""
-        low, high = self.band
-        frequency = np.geomspace(low, high, FIT_POINTS)
-        moduli = (
-            (quality, _relative_to_unrelaxed(_shares(rates, self.band, quality), rates, frequency))
-            for quality in (self.qp, self.qs)
-        )
-        return max(np.abs(1.0 + quality * m.imag / m.real).max() for quality, m in moduli)
+        at = self.reference or float(np.sqrt(self.band[0] * self.band[1]))
+        return _slowness_error(self.rates, self.band, quality, frequency, at)
 
     def shares(self, quality: float) -> np.ndarray:
-        """Return the fraction of the modulus that relaxes in each mechanism, (3,).
+        """Return the fraction of the modulus that relaxes in each mechanism, (5,).
 
-        Non-negative least squares of 1/Q over the band: theory.md (2.16).
+        Non-negative least squares of the complex modulus over the band: theory.md (2.16).
         """
         return _shares(self.rates, self.band, quality)
 
@@ -217,10 +209,42 @@ class ConstantQ:
 
 
 def _shares(rates, band, quality):
-    """Return the fitted fractions (3,) of mechanisms with given rates; theory.md (2.16)."""
-    omega = 2.0 * np.pi * np.geomspace(band[0], band[1], FIT_POINTS)[:, None]
-    matrix = (rates * omega + rates**2 / quality) / (rates**2 + omega**2)
-    return scipy.optimize.nnls(matrix, np.full(FIT_POINTS, 1.0 / quality))[0]
+    """Return the fitted fractions (n,) of mechanisms with given rates; theory.md (2.16)."""
+    frequency = np.geomspace(band[0], band[1], FIT_POINTS)
+    omega = 2.0 * np.pi * frequency[:, None]
+    ideal = _constant(quality, frequency / np.sqrt(band[0] * band[1]))
+    matrix = np.hstack([np.ones_like(omega), -rates / (rates - 1j * omega)]) / ideal[:, None]
+    wanted = np.repeat([1.0, 0.0], FIT_POINTS)
+    fitted = scipy.optimize.nnls(np.vstack([matrix.real, matrix.imag]), wanted)[0]
+    return fitted[1:] / fitted[0]
+
+
+@lru_cache(maxsize=64)
+def _rates(band):
+    """Return the rates (5,) in 1/s with which motion is best after each wavelength in a band."""
+    frequency, at = np.geomspace(*band, FIT_POINTS), np.sqrt(band[0] * band[1])
+
+    def worst(rates):
+        return np.abs(_slowness_error(rates, band, USUAL, frequency, at)).max()
+
+    low, high = band
+    choices = (np.geomspace(low * inside, high / inside, MECHANISMS) for inside in INSIDE)
+    return min((2.0 * np.pi * rates for rates in choices), key=worst)
+
+
+def _slowness_error(rates, band, quality, frequency, reference):
+    """Return the complex slowness of fitted rates over that of a constant Q, less 1."""
+    shares = _shares(rates, band, quality)
+    modulus = _relative_to_unrelaxed(shares, rates, frequency)
+    ideal = _constant(quality, np.asarray(frequency, dtype=float) / reference)
+    scale = (1.0 / np.sqrt(_relative_to_unrelaxed(shares, rates, reference))).real
+    scale /= (1.0 / np.sqrt(_constant(quality, 1.0))).real
+    return np.sqrt(ideal / modulus) / scale - 1.0
+
+
+def _constant(quality, ratio):
+    """Return the modulus of a constant Q at a frequency over that of the reference, (n,)."""
+    return (-1j * np.asarray(ratio, dtype=float)) ** (2.0 * np.arctan(1.0 / quality) / np.pi)
 
 
 def _relative_to_unrelaxed(shares, rates, frequency):

@@ -2,24 +2,26 @@
 
 import math
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ..blasts.blast import ANFO_DENSITY, Firing
-from ..errors import Finding, by_wave
+from ..errors import Finding, InputError, by_wave
 from ..ground.tables import joint_of_surface, set_stiffness
 from ..mesh import quality
 from ..mesh.as_built import Row
 from ..mesh.mesh import surface_zones, zone_edge_lengths
 from ..model.boundary import Roller, Viscous
 from ..signals.spectra import highest_frequency
+from ..simulation.accuracy import FOUND, Band
 from ..solver.initial_stress import joint_pressures
 from ..solver.injection import near_receivers, refusal
-from ..sources.inside import shape
+from ..sources.inside import NEARLY, shape
 from ..units import plain_number
 from . import checks_ground
-from .checks_ground import ModelSummary, boundary_defects, ground_notes, summarise_model
+from .checks_ground import MOST_NAMED, ModelSummary, boundary_defects, ground_notes, summarise_model
 from .elastic_ground import elastic_finding
 from .level import (
     energy_finding,
@@ -34,7 +36,6 @@ from .places import (
     source_material,
     source_names,
 )
-from .validity import band_finding, band_of
 
 
 @dataclass(frozen=True)
@@ -98,7 +99,8 @@ def check(project, measure=True, progress=None) -> Check:
         *_record_defects(project, summary),
         *boundary_defects(project),
         *level_findings(project, expected_peaks(project)),
-        band_finding(project, band_of(project), summary.seconds),
+        band_finding(project, project.accuracy.band, summary.seconds),
+        expected_error(project.accuracy.rows, project.config.mesh.accuracy),
         energy_finding(source_energy(project)),
         elastic_finding(project.elastic_ground, project.receivers),
     ]
@@ -282,6 +284,155 @@ def _record_defects(project, summary):
     by_group = damping if isinstance(damping, dict) else {"": damping}
     for name, part in by_group.items():
         yield checks_ground.rayleigh_price(part, summary.undamped_dt, name)
+
+
+LEAST_SPAN = 1.5  # highest over lowest frequency of a band in which records can be compared
+
+
+def carried_band(
+    projects, band: tuple[float, float] | None, names: Sequence[str]
+) -> tuple[tuple[float, float] | None, Finding | None]:
+    """Return the part of a band in Hz that the meshes of blasts carry to receivers, and D40.
+
+    Parameters
+    ----------
+    projects : sequence of Project
+        One for each blast.
+    band : tuple of 2 float, Hz, or None
+        None: all that enters; it stays None where the meshes carry that.
+    names : sequence of str
+        Of receivers; those of them that a project has.
+
+    Raises
+    ------
+    InputError
+        If they carry nothing of the band.
+    """
+    low = 1.0 / min(project.config.run.duration_s for project in projects)
+    top = max(project.shot.highest_frequency for project in projects)
+    low, top = (low, top) if band is None else band
+    rows = [(row, each) for each in projects for row in each.accuracy.rows if row.name in names]
+    row, project = min(rows, key=lambda pair: pair[0].carried)
+    if row.carried >= NEARLY * top:
+        return band, None
+    ground, hz = project.model, plain_number(row.carried)
+    edge = plain_number(float(ground.mean_edges()[row.limited_by]) * row.carried / top, 2)
+    carried = f"carries motion up to {hz} Hz on the way to {row.name}: {row.limited_by!r} sets that"
+    remedy = f"edges of {edge} m there carry {plain_number(top)} Hz"
+    if row.carried < LEAST_SPAN * low:
+        raise InputError(
+            f"{project.path.name}: mesh {carried}, and records are compared from "
+            f"{plain_number(low)} Hz on; {remedy}"
+        )
+    return (low, row.carried), Finding(
+        "D40",
+        "Records are compared in the band that the mesh carries",
+        f"{project.path.name}: the mesh {carried}, so records are compared from "
+        f"{plain_number(low)} to {hz} Hz and not to {plain_number(top)}; {remedy}. A receiver that "
+        "is left out no longer sets it.",
+        numbers={"carried": row.carried, "asked": top},
+    )
+
+
+REMEDIES = {
+    "mesh": "edges for a higher mesh.frequency_hz carry more",
+    "low-pass": "a higher low_pass_hz keeps more of it",
+    "quality": "a narrower quality_band_hz is fitted better",
+    "sides": "hexahedra, or mesh.padding_m around tetrahedra, absorb more than dashpots",
+    "joint in the layer": "its plane bends there; a larger mesh.size_m moves the layer away",
+    "near source": "see finding D38",
+}
+
+
+def expected_error(rows, accuracy: float) -> Finding | None:
+    """D46: receivers whose expected error is above three times the accuracy asked for.
+
+    Parameters
+    ----------
+    rows : sequence of ReceiverError
+    accuracy : float
+    """
+    wrong = sorted((r for r in rows if r.waveform > FOUND * accuracy), key=lambda r: -r.waveform)
+    if not wrong:
+        return None
+    texts = []
+    for cause in dict.fromkeys(row.cause for row in wrong):
+        own = [row for row in wrong if row.cause == cause]
+        said = [f"{100 * r.waveform:.2g} % at {r.name}" for r in own[:MOST_NAMED]]
+        more = f" and {len(own) - MOST_NAMED} more" if len(own) > MOST_NAMED else ""
+        texts.append(f"by {cause} {', '.join(said)}{more} ({REMEDIES[cause]})")
+    worst = wrong[0]
+    return Finding(
+        "D46",
+        "The error to expect is above the accuracy asked for",
+        f"Of the waveform, where {100 * accuracy:.2g} % are asked: {'; '.join(texts)}. The peak at "
+        f"{worst.name} may be off by {100 * worst.peak:.2g} %; the table of errors has all "
+        "receivers.",
+        numbers={"waveform": worst.waveform, "peak": worst.peak, "receivers": float(len(wrong))},
+    )
+
+
+def band_finding(project, band: Band, seconds: float | None = None) -> Finding | None:
+    """D40: a run that holds less than the band of its blast; None where it holds it.
+
+    ``seconds`` are those of the run, where they are known. It fails no project that states the
+    band of its comparison, whose mesh carries that, and whose run holds a third of the peak and a
+    ninth of the energy of its blast.
+    """
+    if band.complete:
+        return None
+    corner = project.inside.low_pass
+    if project.input is not None:
+        corner = project.config.input.low_pass_hz
+    compared = project.config.run.compare_band_hz
+    filtered = "" if corner is None else f" (low-passed at {plain_number(corner)} Hz)"
+    return Finding(
+        "D40",
+        "The run does not hold the motion of the blast",
+        f"It holds motion up to {plain_number(band.carried)} Hz{filtered}, the blast has motion up "
+        f"to {plain_number(band.needed)} Hz: {100 * band.energy_share:.2g} % of the energy and "
+        f"{100 * band.peak_share:.2g} % of the peak of what enters are in the run. '"
+        f"{band.limited_by}' decides that.{_steep_front(project)}"
+        f"{_price(project, band, seconds)} Peaks are those of "
+        f"motion below {plain_number(band.carried)} Hz; frequencies and limits are not compared.",
+        failed=compared is None or NEARLY * compared[1] > band.carried or not band.of_its_blast,
+        numbers={"carried": band.carried, "needed": band.needed, "energy": band.energy_share,
+         "peak": band.peak_share},
+    )  # fmt: skip
+
+
+def _steep_front(project):
+    """Return a sentence on a pulse by the time of its peak, whose front holds high frequencies."""
+    inside = project.config.holes_inside
+    hole = None if inside is None else inside.charged_hole
+    if hole is None or hole.peak_time_ms is None:
+        return ""
+    return (
+        f" A pulse by peak_time_ms = {plain_number(hole.peak_time_ms)} has the front of a cavity: "
+        "frequency_hz in its place gives one of the frequency of records."
+    )
+
+
+def _price(project, band, seconds):
+    """Return what a mesh for the band of the blast would cost, a sentence."""
+    model = project.model
+    ratio = {name: band.needed / hz for name, hz in model.highest_frequency().items()}
+    ratio[band.limited_by] = max(ratio[band.limited_by], band.needed / band.carried)
+    if max(ratio.values()) <= 1.0:
+        return " Its mesh carries more; raise low_pass_hz."
+    edge = float(model.mean_edges()[band.limited_by]) / ratio[band.limited_by]
+    counts = np.bincount(model.mesh.zone_group, minlength=len(model.mesh.groups))
+    finer = [max(1.0, ratio.get(name, 1.0)) ** 3 for name in model.mesh.groups]
+    zones, now = float(counts @ finer), len(model.mesh.zones)
+    longer = zones / now * max(ratio.values())
+    wait = f"{plain_number(longer, 2)} times the run time"
+    if seconds is not None:
+        minutes = [plain_number(max(0.1, time / 60.0), 2) for time in (longer * seconds, seconds)]
+        wait = f"{minutes[0]} min in place of {minutes[1]}"
+    return (
+        f" Edges of {plain_number(edge, 2)} m there, in all about {plain_number(zones, 2)} zones "
+        f"in place of {now}, carry it in about {wait}."
+    )
 
 
 TET_VOLUME = 1.0 / (6.0 * math.sqrt(2.0))

@@ -1,5 +1,6 @@
 """Places in the mesh of a project: receivers, sources, absorbing layer, input face."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -7,6 +8,7 @@ from scipy.spatial import KDTree
 
 from ..blasts.blast import Blast
 from ..errors import InputError, named_error
+from ..inference.nuisances import Firings
 from ..mesh.faces import face_vectors, zone_of_face
 from ..mesh.hexahedra import face_nodes, face_shapes, face_slopes
 from ..mesh.mesh import Mesh, locate_in_zones, surface_faces, surface_zones
@@ -14,18 +16,11 @@ from ..model.model import Model, Receiver, SpongeLayer
 from ..model.source import AirBlast, Column, Hole, MomentTensor, PointForce, Pressure, TimeFunction
 from ..solver.injection import near_receivers
 from ..solver.moment_density import near_sources
-from ..sources.recorded import axes_of
 from ..sources.shot import Shot
 
 UPRIGHT = 1e-9  # plan area of a face over the square of its width, below which it has no height
+NEAR = "it stands near a source, where the mesh makes errors above 20 % (D38)"
 KIND_NAMES = {"PointForce": "force", "MomentTensor": "moment tensor"}
-
-
-def make_receivers(parts) -> tuple[Receiver, ...]:
-    """Turn a list of `ReceiverConfig` into receivers; those without height are to be `placed`."""
-    return tuple(
-        Receiver(part.name, tuple(map(float, part.position_m)), *axes_of(part)) for part in parts
-    )
 
 
 def placed(receivers, mesh) -> tuple[Receiver, ...]:
@@ -254,6 +249,20 @@ def radiating_positions(project) -> np.ndarray:
     if config.air_blast is not None and not rows:
         rows += list(project.blast.collar)
     return np.array(rows, dtype=float).reshape(-1, 3)
+
+
+def start_of_waves(project, position) -> np.ndarray:
+    """Return the middle (3,) in m of the sources, or where waves to a receiver enter the face."""
+    sources = radiating_positions(project)
+    if len(sources):
+        return sources.mean(axis=0)
+    mesh, across = project.mesh, normal_axis(project)
+    face = mesh.points[np.unique(mesh.surfaces[project.config.input.face])]
+    start = np.array(position, dtype=float)
+    if project.blast is not None:
+        start[2] = np.clip(project.blast.centres[:, 2].mean(), face[:, 2].min(), face[:, 2].max())
+    start[across] = face[:, across].mean()
+    return start
 
 
 def carried_frequency(project, mesh) -> float:
@@ -567,3 +576,29 @@ def source_tables(project):
         name: np.column_stack([f.start + f.dt * np.arange(len(f.values)), f.values])
         for name, f in project.inside.named.items()
     }
+
+
+def firings_of(blast, receivers: Sequence[str]) -> Firings | None:
+    """Return the firings of a blast with their travel times; None where nothing fires by hole.
+
+    Holes inside fire at the centre of their moment rate, from which their waves travel.
+    """
+    config, fired = blast.config, blast.blast
+    if fired is None or (config.holes_inside is None and config.signature is None):
+        return None
+    if config.holes_inside is None:
+        firing = blast.firing
+        late = np.zeros((len(receivers), len(firing.times)))
+        return Firings(firing.times - firing.times.min(), firing.scales, late)
+    exponent = 1.0 if config.blast is None else config.blast.charge_exponent
+    charge = np.nan_to_num(fired.charge) ** exponent
+    speed = min(rock.cs for rock in blast.materials.values())
+    known = {receiver.name: np.asarray(receiver.position) for receiver in blast.receivers}
+    late = np.zeros((len(receivers), len(charge)))
+    for r, name in enumerate(receivers):
+        if name in known:
+            away = np.linalg.norm(fired.centres - known[name], axis=1)
+            late[r] = (away - away.mean()) / speed
+    rate = blast.inside.moment_rate
+    emitted = 0.0 if rate is None else rate.centre
+    return Firings(fired.times - fired.times.min() + emitted, charge, late)

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
@@ -36,6 +36,7 @@ from ..model.model import Model, Receiver, SpongeLayer
 from ..readers.provenance import ReadLog
 from ..recordings.recording import Recording
 from ..signals.seismogram import Seismogram
+from ..simulation.accuracy import Accuracy
 from ..simulation.recipe import (
     BETTER,
     FINER_ERROR,
@@ -53,7 +54,6 @@ from ..solver.injection import with_injection
 from ..solver.run import Run, simulate
 from ..sources.face import InputMotion
 from ..sources.inside import Inside
-from ..sources.recorded import like_simulated
 from ..sources.shot import Shot
 from ..survey import Survey
 from .elastic_ground import ElasticGround, elastic_ground, with_elastic_ground
@@ -63,12 +63,13 @@ from .places import (
     hole_positions,
     longest_path,
     make_absorbing_layer,
-    make_receivers,
     place_sources,
     placed,
     positions_of,
+    radiating_positions,
     single_source,
     source_positions,
+    start_of_waves,
     survey_positions,
 )
 
@@ -300,8 +301,7 @@ class Project:
     @property
     def stations(self) -> tuple[Receiver, ...]:
         """Receivers as they are stated, those without height not placed on the ground."""
-        stated = self.survey.receivers
-        return make_receivers(self.config.receivers) if stated is None else stated
+        return self.survey.stations(self.shots[0])
 
     @cached_property
     def receivers(self) -> tuple[Receiver, ...]:
@@ -342,12 +342,7 @@ class Project:
     @cached_property
     def records(self) -> dict[str, Recording]:
         """Records of the first blast by receiver, in the components of simulated seismograms."""
-        axes = {part.name: (part.azimuth, part.normal) for part in self.stations}
-        records = {}
-        for name, record in self.survey.recordings[self.name].items():
-            with named_error(f"{self.path.name}: receivers.{name}.recorded"):
-                records[name] = like_simulated(record, *axes[name]) if name in axes else record
-        return records
+        return self.survey.in_axes(self.shots[0])
 
     @property
     def recorded(self) -> dict[str, Seismogram]:
@@ -363,11 +358,7 @@ class Project:
     @cached_property
     def comparable(self) -> dict[str, Recording]:
         """Return records to set beside simulated motion, low-passed like what enters."""
-        compared = {}
-        for name, record in self.records.items():
-            with named_error(f"{self.path.name}: receivers.{name}.recorded"):
-                compared[name] = record.filtered_like(self.shot.low_pass)
-        return compared
+        return self.survey.comparable(self.shot)
 
     def simulate(
         self,
@@ -437,6 +428,16 @@ class Project:
     def model(self) -> Model:
         """Model with all that enters; its time 0 is `lead` before the first firing."""
         return self._assembled(self.mesh, self.shot, self.receivers)
+
+    @cached_property
+    def accuracy(self) -> Accuracy:
+        """Expected error of the run at each receiver, and the band that it holds."""
+        layers = self.config.mesh.layers
+        heights = {p.material: p.thickness_m for p in layers if p.thickness_m is not None}
+        inside = len(radiating_positions(self)) > 0
+        before, after = self.shot.unfiltered, self.shot.motions
+        start = partial(start_of_waves, self)
+        return Accuracy(self.model, before, after, start, heights, inside)
 
     def _model_on(self, mesh):
         """Return the model on a mesh, not split, that need not be that of the project."""

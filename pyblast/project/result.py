@@ -17,16 +17,15 @@ from ..model.boundary import kinds_of
 from ..model.material import ConstantQ
 from ..model.source import Column, Hole, MomentTensor, PointForce
 from ..recordings.tables import LOW_PASSED, instrument_table
-from ..signals.seismogram import Named, Seismogram
+from ..signals.seismogram import Named, Seismogram, ZeroPhase
 from ..signals.spectra import dominant_frequency, significant_duration, zero_crossing_frequency
-from ..solver.injection import injected_sources, near_receivers
+from ..solver.injection import injected_sources
 from ..solver.model_file import read_arrays, write_arrays
 from ..solver.moment_density import source_radii
 from ..solver.preparation import versions
 from ..units import plain_number
 from . import level
 from .places import blast_table, extent_of, house_positions, source_names, undamped_plane
-from .validity import band_of, validity
 
 KIND = "result"
 
@@ -57,7 +56,7 @@ class Result:
             head["start"],
             name,
             tuple(head["components"]),
-            head.get("low_passed"),
+            ZeroPhase(head["low_passed"]) if head.get("zero_phase") else head.get("low_passed"),
         )
 
     def seismograms(self, group) -> dict[str, Seismogram]:
@@ -115,6 +114,7 @@ def seismogram_heads(groups):
                 "start": s.start,
                 "components": list(s.components),
                 "low_passed": s.low_passed,
+                "zero_phase": isinstance(s.low_passed, ZeroPhase),
             }
             for name, s in members.items()
         }
@@ -214,7 +214,8 @@ def write_csv(path, seismogram):
     A comment at the end names the low-pass of its sources.
     """
     corner = seismogram.low_passed
-    comment = [] if corner is None else [f"{LOW_PASSED}{corner:.9g}"]
+    words = LOW_PASSED[ZeroPhase if isinstance(corner, ZeroPhase) else float]
+    comment = [] if corner is None else [f"{words}{corner:.9g}"]
     heads = ["time_s", *(f"{name}_m_per_s" for name in seismogram.components)]
     rows = np.column_stack([seismogram.times, seismogram.velocity])
     lines = [",".join(f"{value:.9g}" for value in row) for row in rows]
@@ -247,7 +248,7 @@ def summarise_run(project, checked, run, simulated, comparisons):
     simulated : dict of str to Seismogram
     comparisons : dict of str to Comparison
     """
-    blast, band = project.config.blast, band_of(project)
+    blast, band = project.config.blast, project.accuracy.band
     return {
         "title": project.title,
         "assumed": list(project.config.assumed),
@@ -268,7 +269,6 @@ def summarise_run(project, checked, run, simulated, comparisons):
             for part in project.config.receivers
             if part.recorded is not None
         },
-        "near_sources": near_table(project),
         "receivers": receiver_tables(project, simulated, band),
         "compliance": compliance_table(project, simulated, band),
         "comparisons": {n: comparison_table(c) for n, c in comparisons.items()},
@@ -306,6 +306,22 @@ def summarise_run(project, checked, run, simulated, comparisons):
     }
 
 
+def error_table(row, names) -> dict:
+    """Return the expected error at a receiver: of waveform and peak, by cause, and a source near.
+
+    Parameters
+    ----------
+    row : ReceiverError
+    names : sequence of str
+        Of all sources of the model.
+    """
+    near = row.near and {**asdict(row.near), "source": names[row.near.source]}
+    return {
+        "waveform": row.waveform, "peak": row.peak, "cause": row.cause, "parts": row.parts,
+        "near": near,
+    }  # fmt: skip
+
+
 def _place(project):
     """Return extent, sides, shift from the coordinates of the site, and houses."""
     blast = project.config.blast
@@ -316,13 +332,6 @@ def _place(project):
         "shift_m": None if blast is None else list(blast.shift_m),
         "houses": house_positions(project),
     }
-
-
-def near_table(project):
-    """Return the receivers near a source, with the error to expect."""
-    names = source_names(project.model.sources, project.blast)
-    rows = near_receivers(project.model)
-    return [{**asdict(row), "source": names[row.source], "work": row.work} for row in rows]
 
 
 def material_table(material):
@@ -384,6 +393,7 @@ def input_table(project):
         "superposed_ppv": stages.superposed.ppv,
         "motion_ppv": stages.motion.ppv,
         "low_pass": None if low is None else low.corner,
+        "zero_phase": config.input.zero_phase,
         "removed_energy": None if low is None else low.removed_energy,
         "ppv_change": None if low is None else low.ppv_change,
         "face_distance": config.input.distance_m,
@@ -461,7 +471,8 @@ def simulated_table(seismogram, band, carried) -> dict:
 
 def receiver_tables(project, simulated, band):
     """Return position, motion, simulated and recorded, and plausible range of each receiver."""
-    tables, carried = {}, {row.name: row.carried for row in validity(project)}
+    tables, rows = {}, {row.name: row for row in project.accuracy.rows}
+    names = source_names(project.model.sources, project.blast)
     for receiver in project.receivers:
         name = receiver.name
         peaks = [
@@ -471,8 +482,9 @@ def receiver_tables(project, simulated, band):
             "position": list(receiver.position),
             "azimuth": receiver.azimuth,
             "normal": receiver.normal,
-            "carried_hz": carried[name],
-            "simulated": simulated_table(simulated[name], band, carried[name]),
+            "carried_hz": rows[name].carried,
+            "expected_error": error_table(rows[name], names),
+            "simulated": simulated_table(simulated[name], band, rows[name].carried),
             "recorded": motion_table(project.recorded[name]) if name in project.recorded else None,
             **level.level_table(project, receiver.position, peaks),
         }

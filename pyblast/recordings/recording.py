@@ -101,6 +101,15 @@ class Recording:
         last = np.maximum.accumulate(np.where(self.clipped, since, -reach - 1), axis=0)
         return replace(self, seismogram=passed, clipped=since - last <= reach)
 
+    def rotated(self, azimuth: float) -> "Recording":
+        """Return the recording with rotated horizontals, see `Seismogram.rotated`.
+
+        Each takes from both, so both are clipped where one was.
+        """
+        either = self.clipped[:, :1] | self.clipped[:, 1:2]
+        marks = np.hstack([either, either, self.clipped[:, 2:]])
+        return replace(self, seismogram=self.seismogram.rotated(azimuth), clipped=marks)
+
     def __post_init__(self) -> None:
         """Check the shape of the clipping marks."""
         shape = self.seismogram.velocity.shape

@@ -32,6 +32,7 @@ from ..readers.tables import (
     rules_of,
     table_of,
 )
+from ..signals.seismogram import ZeroPhase
 from ..units import split_key, to_si
 from .raw import (
     Printed,
@@ -63,7 +64,10 @@ _DATES = (
 )  # fmt: skip
 
 
-LOW_PASSED = "# sources low-passed (Bessel of order 4; without delay); -3 dB at Hz: "
+LOW_PASSED = {
+    float: "# sources low-passed (Bessel of order 4; without delay); -3 dB at Hz: ",
+    ZeroPhase: "# sources low-passed (Butterworth of order 4; zero phase); -6 dB at Hz: ",
+}
 
 
 class TextFormat(NamedTuple):
@@ -491,8 +495,10 @@ def _stated_sampling(path, said):
 def _low_passed(lines):
     """Return the corner in Hz that a curve of a run names at its end, None without one."""
     last = next((line.strip() for line in reversed(lines) if line.strip()), "")
-    named = re.fullmatch(rf"{re.escape(LOW_PASSED)}([0-9.e+-]+)", last)
-    return None if named is None else float(named[1])
+    for kind, words in LOW_PASSED.items():
+        if named := re.fullmatch(rf"{re.escape(words)}([0-9.e+-]+)", last):
+            return kind(named[1])
+    return None
 
 
 def _check_motion(path, table: Table, head, own):

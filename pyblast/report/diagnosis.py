@@ -460,16 +460,12 @@ def assumptions(diagnosis: Diagnosed, summary: dict) -> list[str]:
     ]
     if lost > 0.0:
         sentences.append(f"{100 * lost:.2g} % of the samples are clipped or missing and not used.")
-    if case.dead:
-        sentences.append(f"Dead channels are not used: {', '.join(case.dead)}.")
+    if case.unused:
+        listed = "; ".join(f"{name}: {reason}" for name, reason in case.unused.items())
+        sentences.append(f"Records that are not used: {listed}.")
     if summary["data_quality"]["receivers_without_records"]:
         names = joined_by_and(summary["data_quality"]["receivers_without_records"])
         sentences.append(f"Receivers without records are not used: {names}.")
-    if case.near:
-        sentences.append(
-            f"Receivers so near a source that the mesh makes errors above 20 % (D38) are not used: "
-            f"{joined_by_and(case.near)}."
-        )
     if not summary["finished"]:
         sentences.append("The budget of runs ended before the search was complete.")
     return sentences

@@ -66,7 +66,7 @@ def write_features(path, result):
 def _contours(points, triangles, peak, shift):
     """Return contours of the peak vector sum as features, in plan."""
     levels = levels_of(peak[triangles])
-    plan = Triangulation(*(points[:, :2] - shift[:2]).T, triangles)
+    plan = Triangulation(points[:, 0] - shift[0], points[:, 1] - shift[1], triangles)
     drawn = figures._figure(1, 1).subplots().tricontour(plan, peak, levels=levels)
     rows = []
     for level, parts in zip(drawn.levels, drawn.allsegs, strict=True):
@@ -108,11 +108,12 @@ def write_movie(path, result, progress=None):
     draw, frames = _stage(result), []
     speed = {time: 1e3 * np.linalg.norm(v, axis=1) for time, v in snapshots}
     most = max(float(each.max()) for each in speed.values()) or 1.0
-    norm = LogNorm(LEAST_SPEED * most, most)
+    least = LEAST_SPEED * most
+    norm = LogNorm(least, most)
     for number, (time, values) in enumerate(speed.items()):
         if progress is not None:
             progress("movie", number, len(speed))
-        frames.append(draw(float(time), np.maximum(values, norm.vmin), norm))
+        frames.append(draw(float(time), np.maximum(values, least), norm))
     for quality in QUALITY:
         stream = io.BytesIO()
         frames[0].save(stream, "WEBP", save_all=True, append_images=frames[1:],
@@ -154,7 +155,8 @@ def _stage(result):
         section.set_xlabel(f"east [m]; section at north {north:g} m")
         plan.set_title(f"{1e3 * time:.1f} ms", loc="left")
         figure.colorbar(drawn, ax=[plan, section], label="speed [mm/s]", shrink=0.6)
-        figure.canvas.draw()
-        return Image.fromarray(np.asarray(figure.canvas.buffer_rgba())[..., :3].copy())
+        stream = io.BytesIO()
+        figure.savefig(stream, format="png")
+        return Image.open(stream).convert("RGB")
 
     return draw

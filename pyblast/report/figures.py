@@ -170,8 +170,8 @@ def source_figure(histories, top) -> dict:
         share = spectrum[shown] / spectrum.max()
         label = f"{name.replace('_', ' ')} [{SOURCE_UNITS[name.rpartition('_')[0]]}]"
         panels += [
-            panel(axis_of("time [s]"), axis_of(label), [line(*table.T, name, FAULT)], 230,
-                  share=1.5),
+            panel(axis_of("time [s]"), axis_of(label),
+                  [line(table[:, 0], table[:, 1], name, FAULT)], 230, share=1.5),
             panel(axis_of("frequency [Hz]", 0.0, top), axis_of("share of the peak", 0.0),
                   [line(frequency[shown], share, None, FAULT)], 230),
         ]  # fmt: skip

@@ -416,32 +416,7 @@ def write_zones(path, points, zones, fields, node_fields=None):
     _write(path, mesh)
 
 
-def write_joints(path, mesh, displacement=None):
-    """Write joint surfaces with their number and the displacement jump of each node.
-
-    Parameters
-    ----------
-    path : path
-    mesh : Mesh
-        Split.
-    displacement : (n_nodes, 3) float64, m, optional
-    """
-    names = mesh.contacts.names if mesh.contacts is not None else ()
-    triangles = np.concatenate([np.empty((0, 3), np.int32), *(mesh.surfaces[n] for n in names)])
-    number = np.repeat(np.arange(len(names)), [len(mesh.surfaces[n]) for n in names])
-    fields = {}
-    contacts = mesh.contacts
-    if displacement is not None and contacts is not None and len(names):
-        jump = np.zeros_like(mesh.points)
-        jump[contacts.minus] = displacement[contacts.plus] - displacement[contacts.minus]
-        fields["jump"] = jump
-    joints = {"joint": [number.astype(np.int32)]}
-    import meshio  # slow to load
-
-    _write(path, meshio.Mesh(mesh.points, [("triangle", triangles)], fields, joints))
-
-
-def write_parts(folder, mesh, displacement):
+def write_joints(folder, mesh, displacement=None):
     """Write each joint as a file of its own, and ``model.vtm``, which opens them with the ground.
 
     Parameters
@@ -449,20 +424,23 @@ def write_parts(folder, mesh, displacement):
     folder : Path
         Holds ``zones.vtu``.
     mesh : Mesh
-        Split.
-    displacement : (n_nodes, 3) float64, m
+        Split, or without joints.
+    displacement : (n_nodes, 3) float64, m, optional
     """
     import meshio  # slow to load
 
     contacts, files = mesh.contacts, {"ground": "zones.vtu"}
-    jump = displacement[contacts.plus] - displacement[contacts.minus]
-    across = np.sum(jump * contacts.normal, axis=1)
-    along = np.linalg.norm(jump - across[:, None] * contacts.normal, axis=1)
-    for number, name in enumerate(contacts.names):
-        own, fields = contacts.joint == number, {}
-        for title, values in (("shear offset [m]", along), ("opening [m]", across)):
-            fields[title] = np.zeros(len(mesh.points))
-            fields[title][contacts.minus[own]] = fields[title][contacts.plus[own]] = values[own]
+    for number, name in enumerate(contacts.names if contacts is not None else ()):
+        assert contacts is not None  # it names the joint
+        fields, own = {}, contacts.joint == number
+        minus, plus, normal = contacts.minus[own], contacts.plus[own], contacts.normal[own]
+        if displacement is not None:
+            jump = displacement[plus] - displacement[minus]
+            across = np.sum(jump * normal, axis=1)
+            along = np.linalg.norm(jump - across[:, None] * normal, axis=1)
+            for title, values in (("shear offset [m]", along), ("opening [m]", across)):
+                fields[title] = np.zeros(len(mesh.points))
+                fields[title][minus] = fields[title][plus] = values
         files[name] = f"joint_{number + 1:02d}.vtu"
         cells = [("triangle", mesh.surfaces[name])]
         _write(Path(folder) / files[name], meshio.Mesh(mesh.points, cells, fields))

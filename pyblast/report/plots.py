@@ -149,7 +149,7 @@ def _rows(part, mark, heads):
     """Yield the rows of a mark: name, place, and what the heads after them ask for."""
     chosen = _chosen(mark["y"]) if mark["kind"] == "line" else range(len(mark["x"]))
     for k in chosen:
-        text = (mark.get("text") or {}) and mark["text"][k]
+        text = mark["text"][k] if mark.get("text") else None
         row = [": ".join(word for word in (mark["name"], text) if word)]
         row += [_said(part[name], mark[name][k]) for name in ("x", "y")]
         if "to" in heads:

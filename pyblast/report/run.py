@@ -443,10 +443,12 @@ def _filter_words(table):
     if table["low_pass"] is None:
         return f"{text}, not filtered."
     taken = ", ".join(f"{100 * v:.3g} %" for v in table["removed_energy"] if v is not None)
+    phase = "it is of zero phase"
+    if not table["zero_phase"]:
+        phase = f"its delay of {336.0 / table['low_pass']:.2g} ms is taken back"
     return (
-        f"{text}, before and after the low-pass at {table['low_pass']:g} Hz (-3 dB), which took "
-        f"{taken} of the energy of the components that move; its delay of "
-        f"{336.0 / table['low_pass']:.2g} ms is taken back."
+        f"{text}, before and after the low-pass at {table['low_pass']:g} Hz, which took "
+        f"{taken} of the energy of the components that move; {phase}."
     )
 
 

@@ -312,16 +312,19 @@ def trade_off_figure(survey, pair, points, misfits):
     rows = [survey["parameters"][k] for k in pair]
     shown = np.isfinite(misfits) & (misfits > 0.0)
     size = np.log10(misfits[shown])
-    x, y = points[shown][:, list(pair)].T
+    edge, (x, y) = ellipse(survey, pair), points[shown][:, list(pair)].T
     marks = [
-        line(*ellipse(survey, pair), "90 % region", SIMULATED),
+        line(edge[0], edge[1], "90 % region", SIMULATED),
         dots(x, y, "runs", values=size, radius=5),
-        dots(*([row["value"]] for row in rows), "best", SIMULATED, radius=6),
+        dots(rows[0]["value"], rows[1]["value"], "best", SIMULATED, radius=6),
     ]
-    scale = {"label": "log10 misfit", "low": size.min(initial=0.0), "high": size.max(initial=0.0),
-             "colours": "greys"}  # fmt: skip
-    axes = [axis_of(row["path"], row["low"], row["high"], log=row["log"]) for row in rows]
-    return page_plot("Trade-off of two parameters.", panel(*axes, marks, 400, scale=scale))
+    low, high = (size.min(), size.max()) if len(size) else (0.0, 1.0)
+    scale = {"label": "log10 misfit", "low": low, "high": high, "colours": "greys"}
+    across, upright = (
+        axis_of(row["path"], row["low"], row["high"], log=row["log"]) for row in rows
+    )
+    drawn = panel(across, upright, marks, 400, scale=scale)
+    return page_plot("Trade-off of two parameters.", drawn)
 
 
 def ellipse(survey, pair):

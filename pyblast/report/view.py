@@ -282,7 +282,8 @@ def _thin(parts):
         for part, given in zip(parts, whole, strict=True):
             part.update(given)
             at = np.floor((part["points"] - low) / cell).astype(np.int64)
-            _renumber(part, np.unique(at, axis=0, return_inverse=True)[1].reshape(-1))
+            number = np.ravel_multi_index(at.T, at.max(axis=0) + 1)
+            _renumber(part, np.unique(number, return_inverse=True)[1])
     return cell
 
 

@@ -110,7 +110,7 @@ def compare(
     recorded, simulated : Seismogram
         The simulation is interpolated (band-limited) at the times of the record. It is zero before
         its start; the comparison ends with the shorter of the two. Where the sources of one were
-        low-passed, the other goes through the same causal filter first.
+        low-passed, the other goes through the same filter first.
     band : tuple of 2 float, Hz, optional
         Both are first band-passed without phase shift.
     frequency_method : str
@@ -194,7 +194,7 @@ def in_common(
 ) -> tuple[Seismogram, Seismogram]:
     """Return both seismograms at the times of the record, up to the earlier end, in a band.
 
-    Both have then gone through the causal low-pass of the sources of either, see
+    Both have then gone through the low-pass of the sources of either, see
     `Seismogram.filtered_like`.
 
     Raises

@@ -17,6 +17,10 @@ BLAST_AXES = ("longitudinal", "transverse", "vertical")
 PASS_BAND = 0.8  # of the new Nyquist frequency, kept without taper when resampling
 
 
+class ZeroPhase(float):
+    """Corner in Hz of a low-pass of sources that is of zero phase: theory.md (6.8), -6 dB there."""
+
+
 @dataclass(frozen=True, eq=False)
 class Seismogram:
     """Seismogram: three components of particle velocity at one place.
@@ -37,8 +41,8 @@ class Seismogram:
         ``GEOGRAPHIC`` (east, north, vertical) or ``BLAST_AXES`` (longitudinal, transverse,
         vertical).
     low_passed : float or None, Hz
-        Corner of the causal low-pass of the sources of this motion (`lowpassed`), whose delay is
-        taken back; None without one, 0 where sources were low-passed differently.
+        Corner of the low-pass of the sources of this motion (`lowpassed`), `ZeroPhase` where that
+        is of zero phase; None without one, 0 where sources were low-passed differently.
 
     Raises
     ------
@@ -176,16 +180,19 @@ class Seismogram:
             raise InputError(f"seismogram.resampled: dt must be positive, got {dt:g} s")
         return self.sampled(self.start, dt, math.floor(self.duration / dt + 1e-9) + 1)
 
-    def lowpassed(self, hz: float, *, causal: bool = False) -> "Seismogram":
+    def lowpassed(self, hz: float, *, of_source: bool = False) -> "Seismogram":
         """Low-pass filter at ``hz``, without phase shift or forward only.
 
         Butterworth of order 4, forward and backward: amplitude 1/(1 + (f/hz)^8), which is
-        -6 dB at ``hz`` and -3 dB at 0.896 ``hz``. ``causal``: Bessel of order 4, forward only,
-        -3 dB at ``hz``, for what a source does: a step overshoots by 1 %, and the delay of the
-        filter, 0.336 / ``hz`` at all frequencies it passes, is taken back by an earlier start.
+        -6 dB at ``hz`` and -3 dB at 0.896 ``hz``. ``of_source``, unless ``hz`` is `ZeroPhase`:
+        Bessel of order 4, forward only, -3 dB at ``hz``, for what a source does: a step overshoots
+        by 1 %, and the delay of the filter, 0.336 / ``hz`` at all frequencies it passes, is taken
+        back by an earlier start.
         """
-        if not causal:
+        if not of_source:
             return self._filtered("lowpass", hz)
+        if isinstance(hz, ZeroPhase):
+            return replace(self._filtered("lowpass", hz), low_passed=hz)
         self._check_corners(hz)
         sections = scipy.signal.bessel(FILTER_ORDER, hz, norm="mag", fs=1.0 / self.dt, output="sos")
         passed = scipy.signal.sosfilt(sections, self.velocity, axis=0)
@@ -195,17 +202,19 @@ class Seismogram:
     def filtered_like(self, corner: float | None) -> "Seismogram":
         """Return a record as it is beside motion whose sources were low-passed at a corner in Hz.
 
-        A record goes through the same causal low-pass, as if its first sample had lasted, between
-        its samples where these are few. Motion that has gone through it stays.
+        A record goes through the same low-pass, as if its first sample had lasted, between its
+        samples where these are few. Motion that has gone through it stays.
 
         Raises
         ------
         InputError
             If this motion has gone through another one.
         """
-        if corner == self.low_passed and corner != 0.0:
+        alike = isinstance(corner, ZeroPhase) == isinstance(self.low_passed, ZeroPhase)
+        if alike and corner == self.low_passed and corner != 0.0:
             return self
-        if corner and self.low_passed and math.isclose(corner, self.low_passed, rel_tol=1e-6):
+        both = corner and self.low_passed
+        if alike and both and math.isclose(corner, self.low_passed, rel_tol=1e-6):
             return self  # a file has nine digits
         if 0.0 in (corner, self.low_passed):
             raise InputError(
@@ -217,13 +226,13 @@ class Seismogram:
             raise InputError(
                 f"{self.label or 'record'}: its sources were low-passed at "
                 f"{self.low_passed:g} Hz, those of the motion beside it were {other}; give both "
-                "the same low_pass_hz"
+                "the same low_pass_hz and zero_phase"
             )
         assert corner is not None  # else alike
         finer, n = max(1, math.ceil(SAMPLES_PER_CORNER * corner * self.dt)), len(self.velocity)
         fine, first = replace(self, velocity=self.velocity - self.velocity[0]), self.velocity[0]
         fine = fine.sampled(self.start, self.dt / finer, (n - 1) * finer + 1)
-        passed = fine.lowpassed(corner, causal=True)
+        passed = fine.lowpassed(corner, of_source=True)
         moved = passed.velocity[::finer] + first
         return replace(self, velocity=moved, start=passed.start, low_passed=corner)
 

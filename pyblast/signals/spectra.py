@@ -254,14 +254,14 @@ def lowpass(seismogram: Seismogram, corner: float = LOW_PASS) -> LowPassed:
     seismogram : Seismogram
         Its end leaves room for the filter.
     corner : float, Hz
-        Bessel of order 4, -3 dB here, its delay taken back: `Seismogram.lowpassed`, causal.
+        Of what a source does: `Seismogram.lowpassed`.
 
     Returns
     -------
     LowPassed
         The removed energy is ``1 - sum v_low^2 / sum v^2``.
     """
-    passed = seismogram.lowpassed(corner, causal=True)
+    passed = seismogram.lowpassed(corner, of_source=True)
     with np.errstate(invalid="ignore", divide="ignore"):
         removed = 1.0 - np.sum(passed.velocity**2, axis=0) / np.sum(seismogram.velocity**2, axis=0)
         change = passed.ppv / seismogram.ppv - 1.0

@@ -44,6 +44,7 @@ LINEAR_EDGE = 0.6  # of linear zones where a law needs them, over that of quadra
 FINER_EDGE = 0.63  # the same for edges of tetrahedra
 SOFT = 0.3  # S speed over that of the ground beneath: docs/quality/verification.md
 SHARP = 0.015  # of an edge: tolerance of tetrahedra where the usual one bends planes
+SHARPER = 0.25  # of that, where facets of a set that nearly meets a fault are still missing
 RELIEF = 0.5 * OF_WAVE  # of the shortest wavelength, of tetrahedra to a survey
 BESIDE = 0.6  # of an edge: radius of the sphere of a source
 RING = 2.2  # edges from a source to an open side, with which it can be injected
@@ -307,14 +308,20 @@ def _tetrahedra(ground, stations, asked, wave, reason):
     edges = [layer.edge_m or parts.edge_m or 0.0 for layer in (parts, *parts.layers)]
     bends = TOLERANCE_SHARE * max(edges) > OF_WAVE * wave
     given = parts.tolerance_m is not None or parts.grid_cells is not None
-    wrong, usual = "", RELIEF * wave if bends else None
-    for tolerance in (parts.tolerance_m,) if given else (usual, sharp):
+    wrong, usual, failure = "", RELIEF * wave if bends else None, None
+    for tolerance in (parts.tolerance_m,) if given else (usual, sharp, SHARPER * sharp):
         cut = parts.model_copy(update={"tolerance_m": tolerance})
-        mesh = make_mesh(cut, materials, folder, ground.surface, relief=RELIEF * wave)
+        try:
+            mesh = make_mesh(cut, materials, folder, ground.surface, relief=RELIEF * wave)
+        except MeshingError as error:
+            failure = error
+            continue
         rows = as_built(mesh, asked, wave, stations.positions)
         wrong = differences(rows)
         if not wrong:
             return Meshed(mesh, reason, rows)
+    if failure is not None and not wrong:
+        raise failure
     raise InputError(
         f"mesh: the ground that is built differs from the one asked for: {wrong}; shorten edge_m "
         "or tolerance_m there, or move planes and sides that nearly meet"

@@ -15,7 +15,7 @@ from ..mesh.faces import zone_of_face
 from ..mesh.mesh import locate_in_zones, zone_edge_lengths
 from ..mesh.quality import explicit_work
 from ..model.full_space import force_motion, moment_motion
-from ..model.half_space import direct_wave, reflected_waves
+from ..model.half_space import EXPLOSION, direct_wave, radiations, reflected_waves
 from ..model.material import Material
 from ..model.model import Model
 from ..model.source import Column, Hole, MomentTensor, PointForce, TimeFunction, isotropic_moment
@@ -34,7 +34,7 @@ OF_WAVE, OF_PATH = 4.0, 3.0  # spacings of the table in the shortest wave, in th
 DEGREE = 5  # of the spline over the table
 SLOWEST = 0.8  # of the S speed, of the last waves
 NEAREST = 0.02  # of an edge: points nearer to a source have the motion there
-OF_COLUMN = 0.05  # of an edge: distance of the points of a column
+OF_COLUMN = 0.008  # of an edge: distance of the points of a column
 COLUMN_PLACES = 9  # on a column, of which the zones are its own
 MARGIN = 4  # time steps around a table
 STEP = 0.4  # time step over the travel time of P waves between the nearest nodes
@@ -94,7 +94,7 @@ def patch_of(model: Model) -> Patch | str:
 
     It holds the zones of the sources and those that share a node with them. None of the former may
     lie at its boundary: outer faces but a flat free surface, joints, zones beyond. Below a free
-    surface only explosions are injected; theory.md (5.25).
+    surface no source on it and no column that leans is injected; theory.md (5.25), (5.26).
     """
     if not model.mesh.hexahedral:
         return "the elements are tetrahedra"
@@ -104,14 +104,22 @@ def patch_of(model: Model) -> Patch | str:
     if not sources:
         return "no source is at a point or along a column, without a given radius"
     patch = _patch_around(model, sources)
-    if isinstance(patch, str) or patch.top is not None:
-        explosions = {k: source for k, source in sources.items() if _isotropic(source)}
-        if len(explosions) < len(sources):
-            if explosions:
-                return _patch_around(model, explosions)
-            if not isinstance(patch, str):
-                return "under a free surface only explosions are injected"
+    top = None if isinstance(patch, str) else patch.top
+    if top is not None:
+        edge = float(zone_edge_lengths(model.mesh)[patch.zones].min())
+        below = {k: each for k, each in sources.items() if _is_below(each, top, NEAREST * edge)}
+        if not below:
+            return "sources on a free surface and columns that lean under one are not injected"
+        if len(below) < len(sources):
+            return _patch_around(model, below)
     return patch
+
+
+def _is_below(source, top, least):
+    """Return whether a source is an explosion, or its points lie above one another below a top."""
+    points = _points_of(source)
+    upright = np.ptp(points[:, :2], axis=0).max() < least
+    return _isotropic(source) or bool(upright and (points[:, 2] < top - least).all())
 
 
 def _patch_around(model, injected):
@@ -351,50 +359,73 @@ class _Field:
     """Velocity of the injected sources in their half-space, or in unbounded rock."""
 
     def __init__(self, model, patch, dt, n_steps):
-        """Group the sources by moment rate and depth."""
+        """Group the explosions by moment rate, and what a free surface reflects by its tables."""
         self.patch, self.dt, self.n_steps = patch, dt, n_steps
         self.edge = float(zone_edge_lengths(model.mesh)[patch.zones].min())
         self.highest = carried(model, patch)
-        self.groups, self.others = {}, []
+        self.rates, self.explosions, self.others, self.reflected = {}, [], [], {}
         for source in (model.sources[number] for number in patch.sources):
-            if not _isotropic(source):
-                self.others.append(source)
-                continue
-            below = 0.0 if patch.top is None else round(patch.top - float(source.position[2]), 3)
-            self.groups.setdefault((id(source.moment_rate), below), []).append(source)
+            (self.explosions if _isotropic(source) else self.others).append(source)
+            if patch.top is not None:
+                self._enter(source)
+
+    def _rate(self, source):
+        """Return the tapered moment rate or force of a source, and its key."""
+        function = source.history if isinstance(source, PointForce) else source.moment_rate
+        if id(function) not in self.rates:
+            self.rates[id(function)] = tapered(function, self.highest)
+        return self.rates[id(function)], id(function)
+
+    def _enter(self, source):
+        """Enter what the surface reflects of a source: table, place, firing time, amplitudes."""
+        rate, key = self._rate(source)
+        time = 0.0 if isinstance(source, PointForce) else source.time
+        points, delays = _points_of(source)[:1], (0.0,)
+        if _isotropic(source):
+            parts = [(EXPLOSION, isotropic_moment(source), 0.0)]
+        elif isinstance(source, PointForce):
+            rate = TimeFunction(np.gradient(rate.values, rate.dt), rate.dt, rate.start)
+            parts = radiations(force=source.direction)
+        elif isinstance(source, Column):
+            places, times, tensors = zip(*self._along(source), strict=True)
+            points, delays = np.array(places), tuple(np.subtract(times, time).tolist())
+            parts = radiations(np.sum(tensors, axis=0))
+        else:
+            parts = radiations(source.tensor)
+        depths = tuple(np.round(self.patch.top - points[:, 2], 3).tolist())
+        for radiation, *amplitudes in parts:
+            table = self.reflected.setdefault((key, depths, delays, radiation), (rate, []))
+            table[1].append((points[0, :2], time, amplitudes))
 
     def at(self, points):
         """Return the velocity (n, n_steps, 3) in m/s between the steps at points (n, 3)."""
         total = np.zeros((len(points), self.n_steps, 3))
         for source in self.others:
             self._add_unbounded(total, source, points)
-        for (_, depth), sources in self.groups.items():
-            rate = tapered(sources[0].moment_rate, self.highest)
-            table = None if self.patch.top is None else self._table(rate, depth, sources, points)
-            for source in sources:
-                away = points[:, :2] - np.asarray(source.position, dtype=float)[:2]
-                distance = np.hypot(*away.T)
-                ray = away / np.maximum(distance, 1e-9)[:, None]
-                scale = isotropic_moment(source)
-                first, motion = self._direct(rate, source, distance, points[:, 2])
-                _add(total, first, scale * motion, ray)
-                if table is not None:
-                    first, motion = self._reflected(table, source, distance)
-                    _add(total, first, scale * motion, ray)
+        for source in self.explosions:
+            distance, ray = _horizontal(points, source.position)
+            first, motion = self._direct(self._rate(source)[0], source, distance, points[:, 2])
+            _add(total, first, isotropic_moment(source) * motion, ray)
+        for (_, depths, delays, radiation), (rate, members) in self.reflected.items():
+            plans = [plan for plan, _, _ in members]
+            table = self._table(rate, depths, delays, radiation, plans, points)
+            for plan, time, amplitudes in members:
+                distance, ray = _horizontal(points, plan)
+                first, motion = self._reflected(table, time, distance)
+                _add_by_azimuth(total, first, motion, ray, radiation.order, *amplitudes)
         return total
 
     def _add_unbounded(self, total, source, points):
         """Add the motion of a force, a tensor or the points of a column in unbounded rock."""
         rock = self.patch.rock
         if isinstance(source, PointForce):
-            rate, parts = source.history, [(source.position, 0.0, source.direction)]
-            motion_of = force_motion
+            parts, motion_of = [(source.position, 0.0, source.direction)], force_motion
         else:
-            rate, motion_of = source.moment_rate, moment_motion
+            motion_of = moment_motion
             parts = [(source.position, source.time, source.tensor)] if not isinstance(
                 source, Column
             ) else self._along(source)  # fmt: skip
-        rate = tapered(rate, self.highest)
+        rate, _ = self._rate(source)
         for position, time, strength in parts:
             away = points - np.asarray(position, dtype=float)
             path = np.linalg.norm(away, axis=1)
@@ -427,37 +458,36 @@ class _Field:
         times = self.dt * (np.arange(first, last) + 0.5) - source.time
         return first, direct_wave(rate, distance, below, times, self.patch.rock)
 
-    def _table(self, rate, depth, sources, points):
+    def _table(self, rate, depths, delays, radiation, plans, points):
         """Return the start, coefficients and design of a table of reflected waves."""
         rock = self.patch.rock
         levels, level = np.unique(np.round(self.patch.top - points[:, 2], 6), return_inverse=True)
-        away = np.array([np.asarray(s.position, dtype=float)[:2] for s in sources])
-        distances = np.linalg.norm(points[None, :, :2] - away[:, None], axis=2)
+        distances = np.linalg.norm(points[None, :, :2] - np.array(plans)[:, None], axis=2)
         low, high = float(distances.min()), float(distances.max())
-        shortest = np.hypot(low, depth + levels[0])
+        shortest = np.hypot(low, min(depths) + levels[0])
         spacing = min(rock.cs / (STOPPED * self.highest) / OF_WAVE, shortest / OF_PATH)
         count = max(DEGREE + 3, int(np.ceil((high - low) / spacing)) + 1)
         grid = np.linspace(max(0.0, low - spacing), high + spacing, count)
-        end = rate.start + rate.dt * len(rate.values)
-        end += np.hypot(high, depth + levels[-1]) / (SLOWEST * rock.cs)
+        end = rate.start + rate.dt * len(rate.values) + max(delays)
+        end += np.hypot(high, max(depths) + levels[-1]) / (SLOWEST * rock.cs)
         start = rate.start - MARGIN * self.dt
         times = start + self.dt * np.arange(int((end - start) / self.dt) + MARGIN)
-        motion = reflected_waves(rate, depth, grid, levels, times, rock)
+        motion = reflected_waves(rate, depths, grid, levels, times, rock, radiation, delays)
         spline = make_interp_spline(grid, motion, k=DEGREE)
         return start, spline.t, spline.c, level.ravel()
 
-    def _reflected(self, table, source, distance):
-        """Return the first step and the reflected waves (n, n_own, 2) of a source."""
+    def _reflected(self, table, time, distance):
+        """Return the first step and the reflected waves (n, n_own, 2 or 3) of a source."""
         start, knots, coefficients, level = table
         design = BSpline.design_matrix(distance, knots, DEGREE)
         n_times = coefficients.shape[2]
-        motion = np.empty((len(distance), n_times, 2))
+        motion = np.empty((len(distance), *coefficients.shape[2:]))
         for number in range(coefficients.shape[1]):
             here = np.flatnonzero(level == number)
             flat = np.ascontiguousarray(coefficients[:, number]).reshape(len(coefficients), -1)
-            motion[here] = (design[here] @ flat).reshape(len(here), n_times, 2)
+            motion[here] = (design[here] @ flat).reshape(len(here), *coefficients.shape[2:])
         # Step k lies at place k + shift of the table: cubic interpolation with equal weights.
-        shift = 0.5 - (source.time + start) / self.dt
+        shift = 0.5 - (time + start) / self.dt
         behind = int(np.floor(shift))
         x = shift - behind
         weights = (-x * (x - 1.0) * (x - 2.0) / 6.0, (x + 1.0) * (x - 1.0) * (x - 2.0) / 2.0,
@@ -475,3 +505,21 @@ def _add(total, first, motion, ray):
     part = total[:, first : first + motion.shape[1]]
     part[..., :2] += motion[..., :1] * ray[:, None]
     part[..., 2] += motion[..., 1]
+
+
+def _horizontal(points, origin):
+    """Return the distances (n,) of points from an origin in plan, and the rays (n, 2) to them."""
+    away = points[:, :2] - np.asarray(origin, dtype=float)[:2]
+    distance = np.hypot(*away.T)
+    return distance, away / np.maximum(distance, 1e-9)[:, None]
+
+
+def _add_by_azimuth(total, first, motion, ray, order, cosine, sine):
+    """Add motion away, up and across that varies with azimuth by an order, from a step on."""
+    turn = order * np.arctan2(ray[:, 1], ray[:, 0])
+    share = (cosine * np.cos(turn) + sine * np.sin(turn))[:, None, None]
+    _add(total, first, share * motion[..., :2], ray)
+    if order:
+        across = (sine * np.cos(turn) - cosine * np.sin(turn))[:, None] * motion[..., 2]
+        turned = np.stack([-ray[:, 1], ray[:, 0]], axis=-1)
+        total[:, first : first + motion.shape[1], :2] += across[..., None] * turned[:, None]

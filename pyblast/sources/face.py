@@ -21,7 +21,7 @@ from ..model.source import PlaneWave, TimeFunction, polarisation
 from ..signals.seismogram import GEOGRAPHIC, Seismogram
 from ..signals.spectra import LowPassed, lowpass
 from ..units import to_si
-from .inside import level_peak, with_quiet_end
+from .inside import level_peak, with_quiet_ends
 
 INWARD = {"west": (1, 0, 0), "east": (-1, 0, 0), "south": (0, 1, 0), "north": (0, -1, 0)}
 
@@ -125,7 +125,7 @@ def _filtered(signature, firing, superposed, low_pass):
     """Return the stages of an input motion, low-passed at a corner in Hz or not."""
     if low_pass is None:
         return InputMotion(signature, firing, superposed, None)
-    padded = with_quiet_end(superposed, low_pass)
+    padded = with_quiet_ends(superposed, low_pass)
     return InputMotion(signature, firing, padded, lowpass(padded, low_pass))
 
 

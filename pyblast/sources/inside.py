@@ -13,15 +13,18 @@ from ..config.config import Config
 from ..errors import InputError, named_error
 from ..model.material import Material
 from ..model.source import TimeFunction
-from ..signals.seismogram import Seismogram, fast_length
+from ..signals.seismogram import Seismogram, ZeroPhase, fast_length
 from ..signals.spectra import highest_frequency
 from ..units import to_si
 
 QUIET_CYCLES = 3.0
 STEP_DOWN = 0.95  # between low-passes that are tried
-LEAST_PEAK = 0.9  # share of the peak of the blast that a run has to hold
-PERIODS = 20.0  # of the lowest frequency that is lost, around a pulse
 NEARLY = 0.95  # of the top of a band, from which on a mesh carries it
+MOST = 2.0  # default frequency of a mesh, over that below which 95 % of the energy lies
+# Phase error in rad of the frequency for which hexahedra are made with an error of 1 %, after three
+# wavelengths; the power of frequency with which it grows; where nothing of the phase is left.
+PHASE, POWER, LOST = 0.08, 7.5, 0.5 * math.pi
+ALONG = 0.7, 0.64  # phase of waves along a free surface, and its power of that growth
 SAMPLES_PER_DURATION = 100
 DURATIONS = 8
 SAMPLES_PER_PEAK_TIME = 200
@@ -136,7 +139,8 @@ def make_inside(
                     hole, config.blast.charge_exponent, materials, away, charge_depth(config, blast)
                 )
             low_pass = config.holes_inside.low_pass_hz or ("none" if hole is None else "mesh")
-            rate, corner = within_band(whole, low_pass, carried)
+            zero_phase = config.holes_inside.zero_phase
+            rate, corner = within_band(whole, low_pass, carried, zero_phase)
     if config.air_blast is not None:
         file = config.air_blast.file
         air = make_air_pulse(config.air_blast) if file is None else read(file, "pressure")
@@ -263,57 +267,74 @@ def shape(function, values) -> Seismogram:
     return Seismogram(np.column_stack([values, missing, missing]), function.dt, function.start)
 
 
-def with_quiet_end(motion, corner) -> Seismogram:
-    """Append some cycles of silence, in which what a low-pass at a corner in Hz delays ends."""
+def with_quiet_ends(motion, corner) -> Seismogram:
+    """Add some cycles of silence, in which a low-pass at a corner in Hz ends or, both ways, begins.
+
+    Before the motion, too, where that is of zero phase.
+    """
     quiet = math.ceil(QUIET_CYCLES / (corner * motion.dt))
-    padded = np.pad(motion.velocity, ((0, quiet), (0, 0)))
-    return replace(motion, velocity=np.where(motion.present, padded, np.nan))
+    before = quiet * isinstance(corner, ZeroPhase)
+    padded = np.pad(motion.velocity, ((before, quiet), (0, 0)))
+    start = motion.start - before * motion.dt
+    return replace(motion, velocity=np.where(motion.present, padded, np.nan), start=start)
 
 
-def within_band(rate, corner, carried) -> tuple[TimeFunction, float | None]:
+def within_band(rate, corner, carried, zero_phase=False) -> tuple[TimeFunction, float | None]:
     """Low-pass a moment rate at a corner in Hz, or "mesh": to what it carries, or "none"."""
+    kind = ZeroPhase if zero_phase else float
     if corner == "mesh":
         band = carried()
         passed, corner = rate, None
         while highest_frequency(radiated(passed)) > band:
-            corner = STEP_DOWN * (corner or band / STEP_DOWN)
+            corner = kind(STEP_DOWN * (corner or band / STEP_DOWN))
             passed = _low_passed(rate, corner)
         return passed, corner
     if corner in (None, "none"):
         return rate, None
-    return _low_passed(rate, corner), corner
+    return _low_passed(rate, kind(corner)), kind(corner)
 
 
 def _low_passed(rate, corner):
     """Low-pass a time function, its delay taken back; it then ends in quiet."""
-    passed = with_quiet_end(shape(rate, rate.values), corner).lowpassed(corner, causal=True)
+    passed = with_quiet_ends(shape(rate, rate.values), corner).lowpassed(corner, of_source=True)
     return replace(rate, values=passed.velocity[:, 0], start=passed.start)
 
 
-def held_frequency(motion) -> float:
-    """Return the frequency in Hz up to which a motion holds its energy and its peak."""
-    top = highest_frequency(motion)
-    while held_shares(motion, motion, NEARLY * top)[1] < LEAST_PEAK and top < 0.5 / motion.dt:
-        top /= NEARLY
-    return top
-
-
-def held_shares(whole, passed, carried) -> tuple[float, float]:
-    """Return which share of energy and peak of a motion its low-passed one has up to a frequency.
+def phase_error(growth: np.ndarray, along: float | np.ndarray = 0.0) -> np.ndarray:
+    """Return the phase error (n,) in rad that hexahedra make of frequencies on a way.
 
     Parameters
     ----------
-    whole, passed : Seismogram
-    carried : float, Hz
+    growth : (n,) float64
+        Over the error of frequencies for which they have the nodes of an error of 1 % after three
+        wavelengths.
+    along : float or (n,) float64
+        Share of the motion that runs along a free surface.
     """
-    velocity = np.nan_to_num(passed.velocity)
-    periods = int(np.ceil(PERIODS / (carried * passed.dt)))
-    padded = fast_length(len(velocity) + periods)  # a pulse may be shorter than a period
-    spectrum = np.fft.rfft(velocity, padded, axis=0)
-    spectrum[np.fft.rfftfreq(padded, passed.dt) > carried] = 0.0
-    carried_motion = np.fft.irfft(spectrum, padded, axis=0)
-    before = np.nan_to_num(whole.velocity)
-    energy, peak = np.sum(before**2), np.abs(before).max()
-    if not peak > 0.0:
-        return 1.0, 1.0
-    return np.sum(carried_motion**2) / energy, np.abs(carried_motion).max() / peak
+    return np.minimum(PHASE * growth + ALONG[0] * along * growth ** ALONG[1], LOST)
+
+
+def needed_frequency(motion: Seismogram, accuracy: float, along: bool = False) -> float:
+    """Return the frequency in Hz for which a mesh is made that carries a waveform.
+
+    The lowest at which the rule of nodes per wavelength leaves an error of the accuracy, from the
+    frequency on below which 95 % of the energy lies to twice of it (sixteen times the work); sharp
+    onsets ask for more.
+
+    Parameters
+    ----------
+    motion : Seismogram
+    accuracy : float
+    along : bool
+        Whether the source stands on a free surface.
+    """
+    least = top = highest_frequency(motion)
+    n = fast_length(2 * len(motion.velocity))
+    spectrum = np.fft.rfft(np.nan_to_num(motion.velocity), n, axis=0)
+    frequency, size = np.fft.rfftfreq(n, motion.dt), float(np.linalg.norm(spectrum))
+    while top < MOST * least:
+        phase = phase_error(accuracy / 0.01 * (frequency / top) ** POWER, float(along))
+        if np.linalg.norm((1.0 - np.exp(1j * phase))[:, None] * spectrum) <= accuracy * size:
+            break
+        top /= NEARLY
+    return float(min(top, MOST * least))

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..errors import InputError
+from ..model.model import Receiver
 from ..recordings.recording import (
     Recording,
     first_recording,
@@ -67,10 +68,17 @@ def read_hole(config, folder, log=None) -> Seismogram:
     return replace(seismogram, velocity=seismogram.velocity - seismogram.velocity.mean(axis=0))
 
 
-def axes_of(config) -> tuple[float | None, tuple[float, ...] | None]:
-    """Return the azimuth in rad and the normal of a `ReceiverConfig`, None where not given."""
-    azimuth = None if config.azimuth_deg is None else float(np.radians(config.azimuth_deg))
-    return azimuth, None if config.normal is None else tuple(config.normal)
+def make_receivers(parts) -> tuple[Receiver, ...]:
+    """Turn a list of `ReceiverConfig` into receivers; those without height are to be placed."""
+    return tuple(
+        Receiver(
+            part.name,
+            tuple(map(float, part.position_m)),
+            None if part.azimuth_deg is None else float(np.radians(part.azimuth_deg)),
+            None if part.normal is None else tuple(part.normal),
+        )
+        for part in parts
+    )
 
 
 def like_simulated(record, azimuth, normal=None) -> Recording:
@@ -89,21 +97,15 @@ def like_simulated(record, azimuth, normal=None) -> Recording:
     InputError
         If they can't be made of those of the record.
     """
-    seismogram, clipped = record.seismogram, record.clipped
     if normal is not None:
         return _along_normal(record, normal)
-    geographic = tuple(seismogram.components) == GEOGRAPHIC
+    geographic = tuple(record.seismogram.components) == GEOGRAPHIC
     if azimuth is None and not geographic:
         raise InputError(
             "azimuth_deg: missing at the receiver; the record has longitudinal and transverse "
             "components"
         )
-    if azimuth is not None and geographic:
-        either = clipped[:, :1] | clipped[:, 1:2]  # each horizontal component takes from both
-        turned = seismogram.rotated(azimuth)
-        marks = np.hstack([either, either, clipped[:, 2:]])
-        return replace(record, seismogram=turned, clipped=marks)
-    return record
+    return record.rotated(azimuth) if azimuth is not None and geographic else record
 
 
 def _along_normal(record, normal):

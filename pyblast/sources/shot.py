@@ -20,7 +20,7 @@ from ..model.boundary import WaveFronts
 from ..model.material import Material
 from ..readers.provenance import ReadLog
 from ..recordings.recording import Recording
-from ..signals.seismogram import Seismogram
+from ..signals.seismogram import Seismogram, ZeroPhase
 from ..signals.spectra import dominant_frequency, highest_frequency
 from ..units import to_si
 from .face import (
@@ -32,7 +32,7 @@ from .face import (
     shifts_of,
     wave_fronts,
 )
-from .inside import Inside, held_frequency, make_inside, radiated, unit_rate, within_band
+from .inside import Inside, make_inside, needed_frequency, radiated, unit_rate, within_band
 from .recorded import read_hole, read_record
 
 ALONE = Firing(np.zeros(1), np.ones(1))  # one hole, with the charge of the signature
@@ -132,7 +132,7 @@ class Shot:
             cavity, shifts = config.signature.cavity, None
             if cavity is not None and not self.alone:
                 shifts = shifts_of(config.blast, self.blast, cavity.receiver_m, cavity.hole_m)
-            corner = config.input.low_pass_hz
+            corner = self._input_corner
             if self.fronts is not None:
                 return opposite_input(signature, firing, corner, self.fronts, self.blast)
             return make_input(signature, firing, corner, shifts)
@@ -202,13 +202,20 @@ class Shot:
 
     @property
     def low_pass(self) -> float | None:
-        """Corner in Hz of the causal low-pass of all that enters, None without, 0 where some is."""
-        corners = {self.inside.low_pass} if self.inside.moment_rate is not None else set()
+        """Corner in Hz of the low-pass of all that enters, None without, 0 where some is."""
+        corners = [self.inside.low_pass] if self.inside.moment_rate is not None else []
         if self.input is not None:
-            corners.add(self.config.input.low_pass_hz)
+            corners.append(self._input_corner)
         if set(self.inside.named) - {"moment_rate"}:
-            corners.add(None)
-        return corners.pop() if len(corners) == 1 else 0.0
+            corners.append(None)
+        return corners[0] if len({(type(each), each) for each in corners}) == 1 else 0.0
+
+    @property
+    def _input_corner(self):
+        """Corner in Hz of the low-pass of what enters through a face, None without one."""
+        config = self.config.input
+        zero_phase = config.zero_phase and config.low_pass_hz is not None
+        return ZeroPhase(config.low_pass_hz) if zero_phase else config.low_pass_hz
 
     @property
     def highest_frequency(self) -> float:
@@ -227,11 +234,12 @@ class Shot:
     def asked_frequency(self) -> float | None:
         """Frequency in Hz that a mesh has to carry, which nobody gave.
 
-        Below it lies 95 % of the energy of what enters, as it would without a low-pass for the
-        mesh, and what makes 90 % of its peak. None where nothing enters, or an air blast, which
-        asks for other edges.
+        A mesh made for it carries the waveform of what enters, as it would without a low-pass for
+        the mesh, within ``mesh.accuracy``. None where nothing enters, or an air blast, which asks
+        for other edges.
         """
         config, inside = self.config, self.config.holes_inside
+        accuracy, along = config.mesh.accuracy, bool(config.point_forces or config.pressures)
         if config.air_blast is not None:
             return None
         if inside is not None and inside.charged_hole is not None and inside.low_pass_hz != "none":
@@ -239,9 +247,11 @@ class Shot:
             rock = self.materials.get(hole.material)
             if rock is None:
                 return None
-            rate, _ = within_band(unit_rate(hole, rock), inside.low_pass_hz, lambda: math.inf)
-            return held_frequency(superpose(radiated(rate), self.firing))
-        return max((held_frequency(motion) for motion in self.motions), default=None)
+            rate, _ = within_band(
+                unit_rate(hole, rock), inside.low_pass_hz, lambda: math.inf, inside.zero_phase
+            )
+            return needed_frequency(superpose(radiated(rate), self.firing), accuracy)
+        return max((needed_frequency(m, accuracy, along) for m in self.motions), default=None)
 
     @property
     def recordings(self) -> dict[str, Recording]:

@@ -36,7 +36,6 @@ from ..project.checks import check
 from ..project.level import CODE as LEVEL
 from ..project.project import Project, load_project
 from ..project.result import comparison_table, motion_table, write_summary, write_text
-from ..project.validity import validity
 from ..report.back_analysis import write_search_report
 from ..report.survey_design import (
     beside_laboratory,
@@ -123,7 +122,7 @@ def back_analyse(
         return _goes_on(folder, searched["hash"], table)
 
     with result_folder(out, unfinished, fresh=fresh, say=say) as (folder, goes_on):
-        if target.waveforms is None:
+        if target.records is None:
             result = _searched(target, table, folder, searched, goes_on, executor, progress)
         else:
             stored = folder / RUNS if runs is None else Path(runs)
@@ -172,16 +171,16 @@ def _fitted(
     target, table, folder, searched, before, stored, executor, progress, say
 ) -> BackAnalysis:
     """Fit waveforms; runs are stored, so that a search goes on whatever its number of runs."""
-    waves = target.waveforms
-    assert waves is not None  # else searched
+    records = target.records
+    assert records is not None  # else searched
     trial_log = TrialLog(folder / TRIALS, searched)
 
     def report(row):
         trial_log.add([row])
 
-    blasts = on_mesh_of_band(target.projects, waves.window.band[1])
+    blasts = on_mesh_of_band(target.projects, records.band.high)
     fitter = Fitter(
-        blasts, waves, target.parameters, table.runs, stored, executor, progress, report
+        blasts, records, target.parameters, table.runs, stored, executor, progress, report
     )
     (say or silent)(_estimate(fitter))
 
@@ -341,6 +340,7 @@ def summarise_search(result: BackAnalysis, findings: Sequence[Finding]) -> dict:
         "blasts": {name: _blast_table(blast) for name, blast in result.confirmed.items()},
         "plan": None if result.plan is None else summarise_survey(result.plan),
         "missing": list(result.missing),
+        "unused_records": target.unused,
         "findings": [asdict(finding) for finding in findings],
         "files_sha256": project.input_files,
         "provenance": versions(identity(target, result.method, result.seed)["hash"]),
@@ -465,7 +465,7 @@ def find_moment_rate(
             f"{project.path.name}: a moment rate is found from holes_inside and from records of "
             "receivers; add receivers.recorded and the table [holes_inside.charged_hole]"
         )
-    band = min(row.carried for row in validity(project))
+    band = min(row.carried for row in project.accuracy.rows)
     wanted = project.config.run.compare_band_hz
     band = band if wanted is None else min(band, wanted[1])
     dt = 1.0 / (KNOTS_PER_PERIOD * PER_KNOT * band)

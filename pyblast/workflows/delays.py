@@ -15,7 +15,6 @@ from ..errors import InputError, named_error
 from ..planning import DelayPlan, FiringScatter, plan_delays, rows_pattern
 from ..project.project import Project, load_project
 from ..project.result import write_summary
-from ..project.validity import band_of, validity
 from ..report.delays import write_delay_report
 from ..runs.blast_ensemble import BlastSpectra, blast_spectra, signature_spectra
 from ..runs.greens import greens_functions
@@ -203,10 +202,10 @@ def _spectra(
 def _refuse_missing_band(project: Project, names: list[str]) -> None:
     """Refuse delays by motion that the mesh does not carry to the houses."""
     table, where = _settings(project)[0], f"{project.path.name}: delays.band_hz"
-    carried = {row.name: row.carried for row in validity(project) if row.name in names}
+    carried = {row.name: row.carried for row in project.accuracy.rows if row.name in names}
     least = min(carried, key=lambda name: carried[name])
     if table.band_hz is None:
-        band = band_of(project)
+        band = project.accuracy.band
         if not band.complete:
             raise InputError(
                 f"{where}: missing, and the run holds {100 * band.energy_share:.2g} % of the "

@@ -256,11 +256,11 @@ def diagnose_file(
         As in ``diagnosis.json``.
     """
     output = Path(output)
-    provenance = versions(_hash_of(file)) | {"code_sha256": code_hash(WHOLE)}
+    project = read_case(file)
+    provenance = versions(_hash_of(project)) | {"code_sha256": code_hash(WHOLE)}
     finished = _finished(output, provenance, budget, seed, correct)
     if finished is not None:
         return finished
-    project = read_case(file)
     _say_level(project, say)
     try:
         output.mkdir(parents=True, exist_ok=True)
@@ -282,11 +282,11 @@ def diagnose_file(
     return plain(summary)
 
 
-def _hash_of(file):
-    """Return the hash of all files of a case, or of all that a project names."""
+def _hash_of(project):
+    """Return the hash of all files that a project and its further blasts name."""
     digest = hashlib.sha256()
     try:
-        for shot in with_further(load_project(file)).shots:
+        for shot in project.shots:
             digest.update(json.dumps(shot.input_files, sort_keys=True).encode())
     except ReadError:
         raise
@@ -362,7 +362,7 @@ def check_further(file, holes, outputs=(), out=None):
     _further(case, holes)
     _channels(case)
     target = None if out is None else Path(out).resolve()
-    taken = {path.resolve() for path in (Path(holes), *_inputs(file))}
+    taken = {path.resolve() for path in (Path(holes), *_inputs(case.project))}
     taken |= set() if target is None else {target / RESULT, target / REPORT}
     for output in outputs:
         path = Path(output).resolve()
@@ -375,10 +375,9 @@ def check_further(file, holes, outputs=(), out=None):
         taken.add(path)
 
 
-def _inputs(file):
-    """Return the files of a case, or all files of a project and its further blasts."""
-    shots = with_further(load_project(file)).shots
-    return [shot.folder / name for shot in shots for name in shot.input_files]
+def _inputs(project):
+    """Return all files of a project and its further blasts."""
+    return [shot.folder / name for shot in project.shots for name in shot.input_files]
 
 
 def _further(case, holes):
@@ -493,7 +492,7 @@ def diagnose_case(
     """
     case, say = Path(case), say or silent
     out = case.parent / "diagnosis" if out is None else Path(out)
-    provenance = versions(_hash_of(case)) | {"code_sha256": code_hash(WHOLE)}
+    provenance = versions(_hash_of(read_case(case))) | {"code_sha256": code_hash(WHOLE)}
     if fresh:
         shutil.rmtree(out / RUNS, ignore_errors=True)
     for finished in [] if fresh else numbered_folders(out):

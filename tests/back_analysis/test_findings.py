@@ -93,5 +93,5 @@ def test_the_example_has_its_records():
 
     target = make_target(load_project(examples / "fault_from_records" / "project.toml"))
 
-    assert target.waveforms.records.receivers == ("front", "back", "house")
+    assert target.records.receivers == ("front", "back", "house")
     assert len(target.parameters) == 3

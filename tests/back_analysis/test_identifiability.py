@@ -20,10 +20,10 @@ from pyblast.back_analysis.survey_design import (
     with_receivers,
     without_uncertain,
 )
-from pyblast.back_analysis.waveforms import Window, white_noise
+from pyblast.back_analysis.waveforms import Window
 from pyblast.errors import InputError
 from pyblast.inference.nuisances import DESIGN_LEVELS
-from pyblast.inference.records import band_functions
+from pyblast.inference.records import band_functions, white_noise
 from pyblast.report.survey_design import beside_laboratory
 
 WINDOW = Window((5.0, 20.0), 1.0 / 160.0, 160)
@@ -58,7 +58,7 @@ def heard(changes, levels=RIGHT):
     whole[:, 0, :, 0] = changes
     motion = np.zeros(whole.shape[1:])
     motion[:] = 1e-2 * pulse(10.0, 0.5)
-    noise = white_noise(RMS, changes.shape[1], WINDOW)
+    noise = white_noise(RMS, changes.shape[1], WINDOW.band, WINDOW.dt, WINDOW.n_samples)
     band = band_functions(WINDOW.n_samples, WINDOW.dt, WINDOW.band)
     return Sensitivities(motion, whole, band, noise, levels)
 

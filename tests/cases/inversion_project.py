@@ -36,7 +36,8 @@ def twin_file(folder, section="", changes=()):
 
 def target(project, parameters=PARAMETERS):
     """Return what a search of the twin shall meet."""
-    return Target((project,), parameters, (), "paper", (common_time_step(project, parameters),))
+    steps = (common_time_step(project, parameters),)
+    return Target((project,), parameters, (), "paper", steps, {})
 
 
 def section(parameters=PARAMETERS, **keys):

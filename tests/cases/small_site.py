@@ -11,10 +11,10 @@ from pyblast.diagnosis.calibration import Baseline, likelihood_of
 from pyblast.diagnosis.case import Case, case_of
 from pyblast.diagnosis.effects import Scene
 from pyblast.diagnosis.forward import simulation_of
-from pyblast.inference.uncertain_ground import factors_of
 from pyblast.model.model import Receiver
 from pyblast.model.source import TimeFunction
 from pyblast.project.project import Project, make_project
+from pyblast.project.uncertain_ground import factors_of
 from pyblast.recordings.recording import Recording
 from pyblast.signals.seismogram import Seismogram
 from pyblast.sources.inside import Inside

@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import time
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -97,8 +98,10 @@ def ignoring(number, command, **options):
 def test_workers_end_with_the_process_that_started_them(number, tmp_path):
     script = tmp_path / "pool.py"
     script.write_text(POOL)
-    process = subprocess.Popen([sys.executable, script], stdout=subprocess.PIPE, text=True,
-                               stderr=subprocess.DEVNULL)  # fmt: skip
+    process = subprocess.Popen(
+        [sys.executable, script], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True,
+        preexec_fn=partial(signal.signal, signal.SIGINT, signal.SIG_DFL),  # tests may ignore it
+    )  # fmt: skip
     pids = [int(process.stdout.readline()) for _ in range(2)]
     assert all(map(running, pids))
 

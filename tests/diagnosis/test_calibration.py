@@ -15,7 +15,7 @@ from pyblast.diagnosis.fitting import fit
 from pyblast.diagnosis.forward import hole_motion, simulation_of
 from pyblast.diagnosis.hypotheses import LIBRARY, hypothesis
 from pyblast.inference.parameter import Parameter, set_all
-from pyblast.inference.uncertain_ground import factors_of
+from pyblast.project.uncertain_ground import factors_of
 
 TRUE = np.array([0.02, -0.02, 0.2, -0.15])
 

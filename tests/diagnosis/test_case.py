@@ -54,10 +54,11 @@ def test_a_channel_that_is_still_before_the_blast_is_dead_only_if_it_stays_so(of
     records = {name: {**some[name], "R1": live, "R2": up} for name in site.blasts}
     plain, case = case_of(site), case_of(with_records(site, records))
 
-    assert case.dead == ("R2 up",)
+    assert case.unused == {"R2 up": "it never moves"}
     assert case.valid[:, 1].all()
     assert not case.valid[:, 2, 2].any()
     np.testing.assert_allclose(case.noise.variance[1, 2], plain.noise.variance[0].max(), rtol=1e-6)
+    assert np.abs(case.noise.correlation[1, :2, 2]).max() < 0.9  # not a copy of its neighbour's
 
 
 def test_a_channel_that_stands_still_in_one_blast_has_no_part_in_that_blast():
@@ -67,7 +68,7 @@ def test_a_channel_that_stands_still_in_one_blast_has_no_part_in_that_blast():
     lame = with_records(site, some | {"B1": some["B1"] | {"R1": lost}})
     plain, case = case_of(site), case_of(lame)
 
-    assert case.dead == ("R1 up in B1",)
+    assert case.unused == {"R1 up in B1": "it never moves"}
     assert not case.valid[case.blasts.index("B1"), 1, 2].any()
     assert case.valid.sum() == plain.valid.sum() - case.n_samples
     more = case.noise.variance / plain.noise.variance

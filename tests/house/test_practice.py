@@ -13,7 +13,6 @@ from pyblast.errors import Finding, InputError, ReadError
 from pyblast.project.level import predicted_peak
 from pyblast.project.project import load_project
 from pyblast.project.result import Result
-from pyblast.project.validity import band_of
 from pyblast.recordings.recording import read_recording
 from pyblast.units import plain_number
 from pyblast.workflows.run import write_curves
@@ -128,5 +127,5 @@ def test_the_smallest_project_without_a_mesh_size_gives_the_peak_of_its_law(tmp_
     (house,) = project.simulate().seismograms.values()
 
     (row,) = project.receivers
-    assert band_of(project).complete
+    assert project.accuracy.band.complete
     assert 0.5 < house.ppv.max() / predicted_peak(project, row.position) < 2.0

@@ -20,8 +20,8 @@ from pyblast.diagnosis.library.ground import not_flat
 from pyblast.errors import InputError
 from pyblast.ground.tables import quality_of
 from pyblast.inference.parameter import set_all
-from pyblast.inference.uncertain_ground import factors_of
 from pyblast.project.project import load_project, with_further
+from pyblast.project.uncertain_ground import factors_of
 from pyblast.recordings.recording import read_stations
 from pyblast.runs.parallel import input_hash
 from pyblast.workflows.diagnose import (
@@ -311,7 +311,7 @@ def test_blasts_of_other_ground_or_another_source_are_refused(tmp_path, old, new
 def test_records_without_time_before_the_blast_are_refused(tmp_path):
     path = written(tmp_path, believed(), ('R2.csv"', 'R2.csv"\nstart_s = 0.01'))
 
-    with pytest.raises(InputError, match=r"R2\.recorded: the record of S1 begins 0\.01 s"):
+    with pytest.raises(InputError, match=r"S1\.toml: receivers\.R2\.recorded: begins at 0\.01 s"):
         case_of(read_case(path))
 
 

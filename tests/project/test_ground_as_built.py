@@ -8,6 +8,7 @@ from small_site import TABLES
 
 from pyblast.config.config import check_config
 from pyblast.errors import InputError
+from pyblast.mesh.gmsh import MeshingError
 from pyblast.project import checks
 from pyblast.project.project import make_project
 
@@ -79,6 +80,34 @@ def test_ground_that_no_builder_gives_is_refused_with_both_figures(project, monk
         InputError, match=r"bottom, position .*: asked -60, built -72 \(tolerance 3"
     ):
         _ = one.meshed
+
+
+def test_a_set_that_nearly_meets_a_fault_keeps_its_area(project):
+    box = {"size_m": [162.0, 162.0, 54.0], "origin_m": [0.0, 0.0, -54.0], "quadratic": True}
+    joints = {"name": "S", "dip_deg": 73.0, "dip_direction_deg": 90.0, "spacing_m": 28.3}
+    planes = {"faults": [fault(90.0, 90.0, [56.0, 77.6, -27.0])], "joint_sets": [joints]}
+    one = project(
+        {"kind": "tetrahedra", **box, **planes},
+        joints={name: TABLES["joints"]["J1"] for name in ("F", "S")},
+        materials={"rock": {"density_kg_per_m3": 2600, "cp_m_per_s": 3400, "cs_m_per_s": 1900}},
+    )
+
+    area = {row.name: row for row in one.meshed.rows if row.quantity == "area, m2"}
+
+    assert area["S"].built == pytest.approx(area["S"].asked, rel=1e-3)
+
+
+def test_blocks_that_no_mesher_fills_say_which_surfaces_nearly_meet(project, monkeypatch):
+    def failing(*_):
+        raise MeshingError("build_mesh: gmsh could not fill the blocks (PLC Error)")
+
+    monkeypatch.setattr("pyblast.mesh.builder.mesh_cells", failing)
+    near = {"kind": "tetrahedra", "edge_m": 15.0, "tolerance_m": 0.01,
+            "faults": [fault(90.0, 0.0, [60.0, 89.8, -30.0])]}  # fmt: skip
+
+    message = r"0\.2 m near \(.*, 89\.9, .*\) m, is where F, bottom, .*north.* meet"
+    with pytest.raises(InputError, match=message):
+        _ = project(near).meshed
 
 
 def test_tetrahedra_get_their_edges_from_the_frequency(project):

@@ -88,7 +88,7 @@ def test_values_that_do_not_fit_are_refused_in_one_sentence(tmp_path, old, new, 
 def test_ground_that_fades_can_be_damped_as_well(tmp_path):
     project = load_project(written(tmp_path, (SOIL, FADING), ("frequency_hz = 4", CORNER)))
 
-    assert len(project.model.branches("soil")) == 4
+    assert len(project.model.branches("soil")) == 6
     assert len(project.model.branches("rock")) == 1
 
 

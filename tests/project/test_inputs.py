@@ -151,6 +151,8 @@ REFUSED = [
     ("both ways", (HOLE, FACE[: FACE.index("[input]")] + HOLE), "the blast enters twice"),
     ("two moments", ("[holes_inside]\n", '[holes_inside]\nmoment_rate_file = "a"\n'),
      "holes_inside: give one of moment_rate_file; charged_hole"),
+    ("phase of none", ('low_pass_hz = "none"', 'low_pass_hz = "none"\nzero_phase = true'),
+     "zero_phase is of a low-pass"),
     ("input beside", (HOLE, f"{HOLE}[input]\nlow_pass_hz = 20\n"), "input: needs [signature]"),
     ("reference", ("charge_kg = 450\ndia", "charge_kg = 450\nreference_charge_kg = 9\ndia"),
      "blast.reference_charge_kg: the moment rate is of 1 kg"),

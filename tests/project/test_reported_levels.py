@@ -8,7 +8,6 @@ from pyblast import Project
 from pyblast.blasts.published_laws import BY_NAME
 from pyblast.project.checks import check
 from pyblast.project.level import predicted_peak
-from pyblast.project.validity import band_of
 
 GRANITE = {"density_kg_per_m3": 2650, "cp_m_per_s": 4800, "cs_m_per_s": 2700}
 SOIL = {"density_kg_per_m3": 1900, "cp_m_per_s": 800, "cs_m_per_s": 350}
@@ -39,7 +38,7 @@ def test_a_quarry_in_rock_has_the_level_of_its_law():
 
     motion = project.simulate().seismograms["house"]
 
-    band = band_of(project)
+    band = project.accuracy.band
     predicted = predicted_peak(project, project.receivers[0].position)
     assert band.complete
     assert 1e3 * predicted == pytest.approx(
@@ -52,7 +51,7 @@ def test_a_quarry_in_rock_has_the_level_of_its_law():
 def test_four_metres_of_soil_do_not_set_what_the_rock_sends():
     rock, soil = (Project.from_dict(quarry(has, frequency_hz=15)) for has in (False, True))
 
-    with_soil = band_of(soil)
+    with_soil = soil.accuracy.band
 
     # The pulse enters as it does without the soil; the soil limits its receiver, and that is said.
     assert soil.inside.low_pass == rock.inside.low_pass

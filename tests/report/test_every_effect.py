@@ -19,7 +19,7 @@ from pyblast.diagnosis.hypotheses import LIBRARY
 from pyblast.diagnosis.library import geometry
 from pyblast.diagnosis.search import Search
 from pyblast.diagnosis.summary import diagnosis_lines, summarise_diagnosis
-from pyblast.inference.uncertain_ground import factors_of
+from pyblast.project.uncertain_ground import factors_of
 from pyblast.report.diagnosis import (
     claims,
     hole_rows,

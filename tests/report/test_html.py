@@ -194,14 +194,17 @@ def test_every_table_row_has_the_cells_of_its_head(page):
         assert len(set(rows)) == 1
 
 
-def test_every_receiver_near_a_source_has_a_row(tmp_path):
+def test_every_receiver_has_a_row_of_its_error(tmp_path):
     result = read_result(run.run(written(tmp_path)).folder / "result.h5")
-    row = {"source": "hole 1", "distance": 4.0, "edge": 20.0, "error": 0.4, "edge_needed": 3.0}
-    near = [{**row, "receiver": f"R{number}"} for number in range(20)]
-    shown = render(replace(result, summary={**result.summary, "near_sources": near}))
+    (table,) = result.summary["receivers"].values()
+    near = {"source": "hole 1", "distance": 4.0, "edge": 20.0, "error": 0.4, "edge_needed": 3.0}
+    error = {"waveform": 0.4, "peak": 0.3, "cause": "near source", "near": near}
+    receivers = {f"R{number}": {**table, "expected_error": error} for number in range(20)}
+    shown = render(replace(result, summary={**result.summary, "receivers": receivers}))
 
-    rows = re.findall(r"<tr><td>R\d+</td><td class=\"words\">hole 1</td>", shown)
+    rows = re.findall(r"<tr><td>R\d+</td><td>40 %</td><td>30 %</td><td>–</td>", shown)
     assert len(rows) == 20
+    assert shown.count('<td class="words">hole 1</td>') == 20
 
 
 def test_numbers_are_shown_with_a_dash_where_there_is_none():

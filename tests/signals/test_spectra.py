@@ -156,7 +156,7 @@ def test_a_causal_low_pass_begins_a_third_of_a_cycle_before_and_delays_nothing(c
     impulse = np.zeros_like(TIMES)
     impulse[200] = 1.0
 
-    moved = record(impulse).lowpassed(corner, causal=True)
+    moved = record(impulse).lowpassed(corner, of_source=True)
     passed = moved.velocity[:, 0]
 
     spectrum = np.abs(np.fft.rfft(passed))

@@ -68,15 +68,15 @@ def asked(survey):
 COMMANDS = """
 def go():
     from .. import late
-    from ..work import rest
+    from ..room import rest
 
     late(rest.early())
 """
 FILES = {
-    "pyblast/__init__.py": "from .work.rest import late",
+    "pyblast/__init__.py": "from .room.rest import late",
     "pyblast/cli/commands.py": COMMANDS,
-    "pyblast/work/rest.py": REST,
-    "pyblast/work/twin.py": TWIN,
+    "pyblast/room/rest.py": REST,
+    "pyblast/room/twin.py": TWIN,
     "fortran/joint_laws.f90": 'rows = [ &\n    "bouncy: kn | linear |"]',
 }
 
@@ -91,28 +91,28 @@ def source(tmp_path_factory):
 
 
 def test_a_public_name_with_two_homes_is_found_and_a_private_one_is_not(source):
-    assert source.two_homes == {"never": ["work.rest", "work.twin"]}
+    assert source.two_homes == {"never": ["room.rest", "room.twin"]}
 
 
 def test_no_command_reaches_what_only_the_front_door_or_nobody_names(source):
     left = unreached(source)
 
-    assert {"work.rest.never": 2, "work.rest.Box.idle": 2}.items() <= left.items()
+    assert {"room.rest.never": 2, "room.rest.Box.idle": 2}.items() <= left.items()
     reached = {"early", "late", "Box", "Box.__repr__", "Box.used", "row", "Row"}
-    assert not left.keys() & {f"work.rest.{name}" for name in reached}
+    assert not left.keys() & {f"room.rest.{name}" for name in reached}
 
 
 def test_uses_of_parts_by_name_and_changes_of_projects_are_counted(source):
-    assert uses_of_given(source) == ["work.twin: 2"]
-    assert changes_of_projects(source) == ["work.twin.varied"]
+    assert uses_of_given(source) == ["room.twin: 2"]
+    assert changes_of_projects(source) == ["room.twin.varied"]
 
 
 def test_a_gatherer_reads_records_and_makes_arrays_but_asks_no_survey_for_them(source):
-    assert gatherers(source) == ["work.twin.fit"]
+    assert gatherers(source) == ["room.twin.fit"]
 
 
 def test_a_list_of_linear_laws_holds_names_of_laws(source):
-    assert lists_of_linear(source) == ["work.twin.LINEAR_LAWS"]
+    assert lists_of_linear(source) == ["room.twin.LINEAR_LAWS"]
 
 
 def test_a_walk_climbs_where_a_caller_takes_its_next_step():

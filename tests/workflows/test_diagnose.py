@@ -11,7 +11,7 @@ from small_site import DT, recorded, small_site
 from pyblast.diagnosis import decision
 from pyblast.diagnosis.hypotheses import LIBRARY
 from pyblast.inference.parameter import set_all
-from pyblast.inference.uncertain_ground import factors_of
+from pyblast.project.uncertain_ground import factors_of
 from pyblast.workflows.diagnose import diagnose
 
 TRUE = np.array([0.02, -0.02, 0.2, -0.15])

@@ -28,6 +28,7 @@ def calls(monkeypatch):
         return summary
 
     monkeypatch.setattr(f"{MODULE}.diagnose_file", instead)
+    monkeypatch.setattr(f"{MODULE}.read_case", lambda _: None)
     monkeypatch.setattr(f"{MODULE}._hash_of", lambda _: "input")
     monkeypatch.setattr(f"{MODULE}.code_hash", lambda _: "code")
     return made

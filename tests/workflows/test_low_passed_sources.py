@@ -14,10 +14,10 @@ from pyblast.diagnosis.forward import simulation_of
 from pyblast.errors import InputError
 from pyblast.project.checks import check
 from pyblast.project.project import load_project
-from pyblast.project.result import write_csv
+from pyblast.project.result import Result, seismogram_heads, write_csv
 from pyblast.recordings.recording import read_recording
 from pyblast.signals.comparison import compare
-from pyblast.signals.seismogram import Seismogram
+from pyblast.signals.seismogram import Seismogram, ZeroPhase
 from pyblast.workflows.back_analysis import back_analyse, find_moment_rate
 from pyblast.workflows.run import compare_all, compare_files
 
@@ -30,12 +30,12 @@ def burst(dt, corner=None):
     times = np.arange(-0.3, 1.2, 2.0**-13)
     wave = np.exp(-(((times - 0.4) / 0.03) ** 2)) * np.cos(2 * np.pi * CENTRE * (times - 0.4))
     fine = Seismogram(wave[:, None] * [1.0, 0.5, 0.2], 2.0**-13, -0.3)
-    fine = fine if corner is None else fine.lowpassed(corner, causal=True)
+    fine = fine if corner is None else fine.lowpassed(corner, of_source=True)
     return fine.sampled(-0.3, dt, int(1.49 / dt))
 
 
 @pytest.mark.parametrize("dt", [1e-3, 4e-3, 1e-2])
-@pytest.mark.parametrize("corner", [10.0, CORNER, 60.0])
+@pytest.mark.parametrize("corner", [10.0, CORNER, 60.0, ZeroPhase(10.0), ZeroPhase(30.0)])
 def test_the_record_of_a_low_passed_simulation_has_no_delay_at_any_sampling(dt, corner):
     simulated = burst(2.0**-11, corner)
     beside = compare(burst(dt), simulated, time_frequency=False)
@@ -50,6 +50,36 @@ def test_the_record_of_a_low_passed_simulation_has_no_delay_at_any_sampling(dt, 
 def test_an_offset_before_the_blast_does_not_ring():
     still = Seismogram(np.full((500, 3), 3e-3), 2e-3, -0.3)
     assert np.allclose(still.filtered_like(CORNER).velocity, 3e-3, rtol=1e-12)
+
+
+def test_motion_of_zero_phase_is_told_from_other_motion(tmp_path):
+    write_csv(tmp_path / "R1.csv", burst(1e-3, ZeroPhase(CORNER)))
+    (again,) = read_recording(tmp_path / "R1.csv")
+
+    assert again.filtered_like(ZeroPhase(CORNER)).seismogram is again.seismogram
+    with pytest.raises(InputError, match="the same low_pass_hz and zero_phase"):
+        again.filtered_like(CORNER)
+    beside, _, _ = compare_files(
+        tmp_path / "R1.csv", tmp_path / "R1.csv", low_passed_hz=CORNER, zero_phase=True
+    )
+    assert beside.waveform_misfit.max() == 0.0
+
+
+def test_a_low_pass_of_zero_phase_begins_before_and_keeps_its_result(tmp_path):
+    low = ("low_pass_hz = 20", "low_pass_hz = 20\nzero_phase = true")
+    project = load_project(written(tmp_path, ("duration_s = 0.1", "duration_s = 0.4"), low))
+
+    motion = project.simulate().seismograms["R1"]
+
+    spectrum = np.abs(np.fft.rfft(project.shot.input.motion.velocity[:, 0], 1 << 15))
+    whole = np.abs(np.fft.rfft(project.shot.input.superposed.velocity[:, 0], 1 << 15))
+    at = round(CORNER * (1 << 15) * project.shot.input.motion.dt)
+    assert spectrum[at] / whole[at] == pytest.approx(0.5, rel=0.02)
+    assert project.lead == pytest.approx(3.0 / CORNER, rel=0.02)
+    assert isinstance(motion.low_passed, ZeroPhase)
+    heads = seismogram_heads({"simulated": {"R1": motion}})
+    result = Result({"simulated": {"R1": motion.velocity}}, {"seismograms": heads})
+    assert isinstance(result.seismogram("simulated", "R1").low_passed, ZeroPhase)
 
 
 def test_a_curve_of_a_run_says_its_filter_and_is_not_filtered_again(tmp_path):

@@ -111,7 +111,7 @@ def constant_q(n):
 
 
 def two_decades():
-    """Read how well three mechanisms follow 1/Q over two decades, no mesh involved."""
+    """Read how well the mechanisms follow 1/Q over two decades, no mesh involved."""
     law = ConstantQ(QUALITY["P"], QUALITY["S"], WIDE)
     frequency = np.geomspace(*WIDE, 200)
     modulus = relative_modulus(law.branches, frequency)

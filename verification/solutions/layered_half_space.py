@@ -98,7 +98,7 @@ def transverse_waves(bed, omega, k):
     return np.moveaxis(np.array(columns), -1, 0).swapaxes(1, 2), down[:, None]
 
 
-def response(beds, waves, omega, k, source, receiver, free=True):
+def response(beds, waves, omega, k, source, receiver, free=True, joint=None):
     """Return displacement over force at two interfaces, (n, m, m): row motion, column force.
 
     Parameters
@@ -113,6 +113,8 @@ def response(beds, waves, omega, k, source, receiver, free=True):
         Number of the interface, from 0 at the ground; the source is not at the ground.
     free : bool
         Whether the ground is free; else the uppermost bed goes on above it.
+    joint : tuple of int and (m,) float, optional
+        Interface that slips and opens by its traction over a stiffness in Pa/m.
     """
     shapes, slowness = zip(*(waves(bed, omega, k) for bed in beds), strict=True)
     m = slowness[0].shape[1]
@@ -132,6 +134,9 @@ def response(beds, waves, omega, k, source, receiver, free=True):
         rows = slice(m + 2 * m * j, 3 * m + 2 * m * j)
         at, after = 2 * m * j, 2 * m * (j + 1)
         above, below = shapes[j] / scale, shapes[j + 1] / scale
+        if joint is not None and j + 1 == joint[0]:  # motion below is that above, and the slip
+            above = above.copy()
+            above[:, :m] += shapes[j][:, m:] / np.asarray(joint[1])[:, None]
         matrix[:, rows, at : at + m] = -above[:, :, :m] * fading[j][:, None, :]
         matrix[:, rows, at + m : after] = -above[:, :, m:]
         matrix[:, rows, after : after + m] = below[:, :, :m]
@@ -148,7 +153,7 @@ def response(beds, waves, omega, k, source, receiver, free=True):
     return motion
 
 
-def strike_slip(beds, depth, offset, receiver_depth, omega, k, free=True):
+def strike_slip(beds, depth, offset, receiver_depth, omega, k, free=True, joint=None):
     """Return displacement over a moment Mxy = Myx, (3,) m/(N m), along radius, across and down.
 
     Parameters
@@ -161,12 +166,21 @@ def strike_slip(beds, depth, offset, receiver_depth, omega, k, free=True):
     k : (n,) float, 1/m
         Even, from zero.
     free : bool
+    joint : tuple of 3 float, optional
+        Depth in m, normal and shear stiffness in Pa/m of a plane that slips and opens.
     """
-    pieces = cut(beds, (depth, receiver_depth))
+    pieces = cut(beds, (depth, receiver_depth, *(() if joint is None else joint[:1])))
     levels = np.cumsum([0.0, *(b.thickness for b in pieces[:-1])])
     source, receiver = (int(np.argmin(np.abs(levels - d))) for d in (depth, receiver_depth))
-    along = response(pieces, plane_waves, omega, k[1:], source, receiver, free)
-    across = response(pieces, transverse_waves, omega, k[1:], source, receiver, free)[:, 0, 0]
+    slips = [None, None]
+    if joint is not None:
+        at, (kn, ks) = int(np.argmin(np.abs(levels - joint[0]))), joint[1:]
+        slips = [(at, (ks, kn)), (at, (ks,))]
+    along, across = (
+        response(pieces, waves, omega, k[1:], source, receiver, free, slip)
+        for waves, slip in zip((plane_waves, transverse_waves), slips, strict=True)
+    )
+    across = across[:, 0, 0]
     radius, turn = np.hypot(*offset), 2.0 * np.arctan2(offset[1], offset[0])
     one, two, three = (jv(n, k[1:] * radius) for n in (1, 2, 3))
     weight = k[1:] ** 2 * k[1] / (4.0 * np.pi)
@@ -176,7 +190,9 @@ def strike_slip(beds, depth, offset, receiver_depth, omega, k, free=True):
     return np.array([radial * np.sin(turn), transverse * np.cos(turn), down * np.sin(turn)])
 
 
-def strike_slip_motion(beds, depth, offset, times, moment_rate, highest):
+def strike_slip_motion(
+    beds, depth, offset, times, moment_rate, highest, receiver_depth=0.0, free=True, joint=None
+):
     """Return the velocity (n, 3) of the ground east, north, up by a moment Mxy.
 
     Parameters
@@ -189,6 +205,9 @@ def strike_slip_motion(beds, depth, offset, times, moment_rate, highest):
         N m/s at times.
     highest : float, Hz
         Where the moment rate has nothing more to give.
+    receiver_depth : float, m
+    free, joint
+        As in `strike_slip`.
     """
     window = 1.3 * times.max()
     fade = DECAY / window
@@ -200,9 +219,9 @@ def strike_slip_motion(beds, depth, offset, times, moment_rate, highest):
     spectrum = np.exp(1j * np.outer(omega, samples)) @ moment_rate(samples) * samples[1]
     motion = np.zeros((len(times), 3))
     for w, amplitude in zip(omega, spectrum, strict=True):
-        k = np.arange(0.0, 1.2 * abs(w) / slowest + GRACE / depth, step)
+        k = np.arange(0.0, 1.2 * abs(w) / slowest + GRACE / abs(depth - receiver_depth), step)
         # Moment times -i omega is moment rate, displacement times -i omega is velocity.
-        field = strike_slip(beds, depth, offset, 0.0, w, k) * amplitude
+        field = strike_slip(beds, depth, offset, receiver_depth, w, k, free, joint) * amplitude
         share = 1.0 if w.real > 0.0 else 0.5
         motion += 2.0 * share / window * np.real(np.exp(-1j * w * times)[:, None] * field)
     along = np.asarray(offset) / np.hypot(*offset)

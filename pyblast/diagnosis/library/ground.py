@@ -10,12 +10,12 @@ from ...config.ground import FaultConfig
 from ...config.section import value_at
 from ...errors import InputError
 from ...ground.tables import is_anisotropic, quality_of
-from ...inference.uncertain_ground import scaled_material
 from ...model.anisotropy import anisotropic, jointed, stiffness_of
 from ...model.joint import Joint
 from ...model.material import ConstantQ, Material
 from ...project.places import extent_of
 from ...project.project import Project
+from ...project.uncertain_ground import scaled_material
 from ..hypotheses import (
     PRIORS,
     elastic_materials,

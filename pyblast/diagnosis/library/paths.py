@@ -4,8 +4,9 @@ import numpy as np
 from scipy import fft
 
 from ...core import JOINT_LAWS
-from ...inference.nuisances import firings_of, hole_parts
+from ...inference.nuisances import hole_parts
 from ...model.joint import Joint
+from ...project.places import firings_of
 from ..hypotheses import elastic_joints, hypothesis, unknown_quality
 
 STIFFEST = 20.0  # largest tangent stiffness of a closing joint, over that at rest

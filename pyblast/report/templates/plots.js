@@ -261,7 +261,7 @@
     function f(v) { return ends.log ? Math.log(v) : v; }
     return function (v) {
       if (v === null || (ends.log && !(v > 0))) return null;
-      return from + (f(v) - f(ends.low)) / (f(ends.high) - f(ends.low)) * (to - from);
+      return from + (f(v) - f(ends.low)) / (f(ends.high) - f(ends.low) || 1) * (to - from);
     };
   }
 

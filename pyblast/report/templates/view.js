@@ -132,7 +132,7 @@
         var left = Math.max(0, Math.ceil(Math.min(x0, x1, x2) - 0.5)), right = Math.min(W - 1, Math.floor(Math.max(x0, x1, x2) - 0.5));
         var first = Math.max(0, Math.ceil(Math.min(y0, y1, y2) - 0.5)), last = Math.min(H - 1, Math.floor(Math.max(y0, y1, y2) - 0.5));
         if (left > right || first > last) continue;
-        var shade = back ? 0.94 : lit(xyz, i, j, m), base = baseOf(part, groups ? groups[n / 3] : 0, n / 3, key);
+        var shade = back ? 0.94 : lit(xyz, i, j, m), base = baseOf(part, groups ? groups[n / 3] : 0, n / 3, back ? "material" : key);  // blocks end at joints, which the cut does not know
         var v0 = points ? points[i] : 0, v1 = points ? points[j] : 0, v2 = points ? points[m] : 0, known = points ? v0 && v1 && v2 : false, fixed = faces ? faces[n / 3] : 0;
         for (var py = first; py <= last; py++) {
           dy = py + 0.5;
@@ -226,6 +226,17 @@
     var cut = choice("cut", [["", "not"], ["east", "across east"], ["north", "across north"], ["seen", "facing me"]], function (value) {
       cutting = value ? { normal: { east: [1, 0], north: [0, -1], seen: [-Math.sin(view.yaw), -Math.cos(view.yaw)] }[value] } : null;
     });
+    var hidden = {}, many = 0;
+    model.parts.forEach(function (part) { if (part.kind === "joint") many += part.triangles.length / 3; });
+    function hide(value) {
+      model.parts.forEach(function (part) { hidden[part.name] = part.kind !== "ground" && (value === "none" || value === "faults" && part.kind === "joint"); });
+    }
+    if (many) {
+      var planes = choice("planes", [["all", "all"], ["faults", "faults alone"], ["none", "none"]], hide);
+      planes.className = "planes";
+      planes.value = many > 2000 ? "faults" : "all";  // sets before a cut would hide it
+      hide(planes.value);
+    }
     var cutting = null, share = 0.5, solid = 1;
     cut.className = "cut";
     var cutAt = slider("at", 50, function (v) { share = v; });
@@ -284,7 +295,7 @@
       canvas.style.height = height + "px";
       var ratio = moving ? coarse : Math.min(2, Math.max(1.5, window.devicePixelRatio || 1)), w = Math.round(width * ratio), h = Math.round(height * ratio);
       var cam = camera(w, h), cutter = cutNow();
-      buffers = renderer.draw(w, h, cam, { hidden: {}, field: field.value, values: field.value === "speed" ? "speed" + (frame || 0) : null, scales: scales, cut: cutter });
+      buffers = renderer.draw(w, h, cam, { hidden: hidden, field: field.value, values: field.value === "speed" ? "speed" + (frame || 0) : null, scales: scales, cut: cutter });
       canvas.width = w; canvas.height = h;
       var image = pen.createImageData(w, h), out = image.data, g = buffers.ground, p = buffers.planes, at;
       if (cutter || model.clipped) cap(g, cam, cutter, w, h);
@@ -338,7 +349,7 @@
     // Edges of planes, where neither ground nor another plane hides them: their traces.
     function traces(out, cam, w, h, ratio) {
       model.parts.forEach(function (part) {
-        if (part.kind === "ground") return;
+        if (part.kind === "ground" || hidden[part.name]) return;
         var thick = Math.max(1, Math.round((part.kind === "fault" ? 1.4 : 0.7) * ratio)), colour = PLANE[part.kind], k;
         for (k = 0; k < part.edges.length; k += 2) {
           var ends = [part.edges[k], part.edges[k + 1]].map(function (n) { return toScreen([part.xyz[3 * n], part.xyz[3 * n + 1], part.xyz[3 * n + 2]], cam, w, h); });
@@ -408,7 +419,7 @@
         marks.push({ at: s, words: "receiver " + name, rows: r.rows, place: r.position });
       });
       pen.globalAlpha = 1;
-      model.parts.forEach(function (part) { if (part.kind !== "ground") label(part, cam, w, h, ratio); });
+      model.parts.forEach(function (part) { if (part.kind !== "ground" && !hidden[part.name]) label(part, cam, w, h, ratio); });
       compass(cam, w, h, ratio);
       if (frame !== null && scene.times.length) { pen.font = 14 * ratio + "px system-ui, sans-serif"; write(scene.times[frame].toFixed(3) + " s", 12 * ratio, 22 * ratio, ratio); }
     }
@@ -422,7 +433,7 @@
       if (part.kind === "joint" && part.told.area < 0.02 * size * size) return;
       for (k = 0; k < part.xyz.length; k += 3) if (part.xyz[k + 2] > part.xyz[best + 2] || part.xyz[k + 2] > part.xyz[best + 2] - 1e-3 * size && part.xyz[k + 1] > part.xyz[best + 1]) best = k;
       var s = toScreen([part.xyz[best], part.xyz[best + 1], part.xyz[best + 2]], cam, w, h);
-      write(part.name, s[0] + 6 * ratio, s[1] - 6 * ratio, ratio);
+      if (part.kind === "fault" || !behind(s, w, h)) write(part.name, s[0] + 6 * ratio, s[1] - 6 * ratio, ratio);
     }
     function compass(cam, w, h, ratio) {
       var x = w - 42 * ratio, y = h - 40 * ratio;

@@ -7,10 +7,10 @@ import pytest
 from scipy import signal
 
 from pyblast.errors import InputError
-from pyblast.inference.reciprocity import mirrored_across, responses, same_along
 from pyblast.model.model import Receiver
 from pyblast.model.source import PointForce, TimeFunction
 from pyblast.project.project import Project
+from pyblast.project.reciprocity import mirrored_across, responses, same_along
 from pyblast.solver.run import simulate
 
 DT, DURATION = 5e-7, 4e-5

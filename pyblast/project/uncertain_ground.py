@@ -11,11 +11,11 @@ from ..config.config import PriorsConfig
 from ..config.ground import MeshConfig
 from ..config.section import value_at
 from ..ground.tables import joint_of_surface
+from ..inference.parameter import DENSITY, GEOMETRY, OTHER, SPEED, STIFFNESS, Parameter, kind_of_key
 from ..model.anisotropy import Anisotropic
 from ..model.material import Material
-from ..project.project import Project
 from ..units import split_key
-from .parameter import DENSITY, GEOMETRY, OTHER, SPEED, STIFFNESS, Parameter, kind_of_key
+from .project import Project
 
 STEPS = {SPEED: 0.02, STIFFNESS: 0.3, OTHER: 0.1}  # of coordinates, for derivatives
 OF_SPEEDS = {"cp", "cs", "youngs", "bulk", "shear", "poisson"}  # keys of a material

@@ -11,10 +11,10 @@ import scipy
 from ..errors import InputError
 from ..model.model import Receiver
 from ..model.source import PointForce, TimeFunction
-from ..project.project import Project
 from ..runs.greens import greens_functions
 from ..runs.parallel import is_single
 from ..signals.seismogram import fast_length
+from .project import Project
 
 AXES = {"x": ("west", "east"), "y": ("south", "north")}
 LEVEL = 1e-9  # deg, m

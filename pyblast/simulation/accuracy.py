@@ -1,0 +1,371 @@
+"""Accuracy: expected error of waveform and peak at each receiver, and the band that a run holds."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy.spatial import KDTree
+
+from ..mesh.mesh import zone_edge_lengths
+from ..model.boundary import Viscous
+from ..model.material import ConstantQ
+from ..model.model import Model
+from ..signals.seismogram import Seismogram, fast_length
+from ..signals.spectra import highest_frequency
+from ..solver.injection import near_receivers
+from ..solver.moment_density import NearReceiver
+from ..sources.inside import LOST, phase_error
+from .recipe import NODES_FOR_ONE_PER_CENT, WAVELENGTHS, convergence
+
+LEAST_ENERGY, LEAST_PEAK = 0.95, 0.9  # shares of the blast's motion that a run has to hold
+HELD = 1.0 / 3.0  # share of the peak of the blast, below which a run is of another blast
+PERIODS = 20.0  # of the lowest frequency that is lost, around a pulse
+SAMPLES = 200  # along the way to a receiver
+THIN = 8.0  # layers thinner than a wavelength over this move as one
+STIFF = 0.5  # S speed over that around the sources, of ground through which waves come
+# As `PHASE` of tetrahedra at as many edges per wavelength, and the power with which it falls.
+TETRAHEDRA = {"quadratic": (0.05, 3.0, 3.5), "linear": (0.04, 10.0, 2.0)}
+# Of the motion, what sides send back: hexahedral layers, damped ground, dashpots alone.
+# The layer sends more back where waves run along it: paths over three times its distance.
+LAYER, SPONGE, DASHPOTS = 0.008, 0.03, 0.2
+GRAZING, GROWTH, MOST_GRAZING = 3.0, 1.5, 0.12
+BEND, BENT = 0.1, 0.08  # of an edge, beyond which a plane bends in the layer; its error
+DEEP = 1e6  # m, where no surface is free
+FOUND = 3.0  # times the accuracy asked for, from which on an expected error is a finding
+
+
+@dataclass(frozen=True)
+class ReceiverError:
+    """Expected error of a run at one receiver.
+
+    Parameters
+    ----------
+    name : str
+    carried : float, Hz
+        Highest frequency that the mesh carries on the way from the sources.
+    limited_by : str
+        The ground on that way that carries least.
+    parts : dict of str to float
+        Error of the waveform over the motion (root of the energies), by cause: "mesh",
+        "low-pass", "quality", "sides", "joint in the layer", "near source".
+    peak : float
+        Expected error of the peak.
+    near : NearReceiver or None
+        The source beside it that elements do not resolve.
+    """
+
+    name: str
+    carried: float
+    limited_by: str
+    parts: dict[str, float]
+    peak: float
+    near: NearReceiver | None = None
+
+    @property
+    def waveform(self) -> float:
+        """Expected error of the waveform over the motion."""
+        return float(np.linalg.norm(list(self.parts.values())))
+
+    @property
+    def cause(self) -> str:
+        """The largest part of the error."""
+        return max(self.parts, key=lambda name: self.parts[name])
+
+
+@dataclass(frozen=True)
+class Band:
+    """Frequencies of a run beside those of its blast.
+
+    Parameters
+    ----------
+    carried, needed : float, Hz
+        What the mesh carries at all receivers; below what 95 % of the energy of the motion lies
+        that enters, before any low-pass.
+    limited_by : str
+        Ground that sets ``carried``; of the thinnest waves where nothing is received.
+    energy_share, peak_share : float
+        What the run holds of the energy and of the peak of that motion.
+    """
+
+    carried: float
+    needed: float
+    limited_by: str
+    energy_share: float
+    peak_share: float
+
+    @property
+    def of_its_blast(self) -> bool:
+        """Whether the run holds enough of its blast to be one of it, in whatever band."""
+        return self.peak_share >= HELD and self.energy_share >= HELD**2
+
+    @property
+    def complete(self) -> bool:
+        """Whether peaks, frequencies and limits may be compared."""
+        return self.energy_share >= LEAST_ENERGY and self.peak_share >= LEAST_PEAK
+
+    def table(self) -> dict:
+        """Return the table ``band`` of a summary."""
+        return {
+            "carried_hz": self.carried, "needed_hz": self.needed, "limited_by": self.limited_by,
+            "energy_share": self.energy_share, "peak_share": self.peak_share,
+            "complete": self.complete,
+        }  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class Accuracy:
+    """Accuracy of the run of a model.
+
+    Parameters
+    ----------
+    model : Model
+    before, after : tuple of Seismogram
+        Motions that enter, one for each kind of source, before and after their low-passes.
+    start : callable
+        ``(position (3,) of a receiver) -> (3,)`` in m, where its waves come from.
+    heights : mapping of str to float, m
+        Of layers, by their ground.
+    inside : bool
+        Whether sources stand in the ground, whose waves graze its sides.
+    """
+
+    model: Model
+    before: tuple[Seismogram, ...]
+    after: tuple[Seismogram, ...]
+    start: Callable[[np.ndarray], np.ndarray]
+    heights: Mapping[str, float]
+    inside: bool = True
+
+    @cached_property
+    def rows(self) -> tuple[ReceiverError, ...]:
+        """The expected error at each receiver.
+
+        Notes
+        -----
+        The mesh delays each frequency by the rule of nodes per wavelength; constant Q is fitted by
+        mechanisms; a low-pass takes its share of the spectrum of what enters, after its attenuation
+        by Q; tables say what elements make of motion near a source, and what sides send back.
+        """
+        near = {row.receiver: row for row in near_receivers(self.model)}
+        return tuple(
+            self._row(each.name, np.asarray(each.position, dtype=float), near.get(each.name))
+            for each in self.model.receivers
+        )
+
+    @cached_property
+    def band(self) -> Band:
+        """The band of the run beside that of its blast."""
+        needed = max(highest_frequency(motion) for motion in self.before)
+        if self.rows:
+            least = min(self.rows, key=lambda row: row.carried)
+            carried, ground = least.carried, least.limited_by
+        else:
+            by_group = self.model.highest_frequency()
+            ground = min(by_group, key=lambda name: by_group[name])
+            carried = by_group[ground]
+        pairs = zip(self.before, self.after, strict=True)
+        energy, peak = np.min([held_shares(*pair, carried) for pair in pairs], axis=0)
+        return Band(carried, needed, ground, float(energy), float(peak))
+
+    @cached_property
+    def _zones(self):
+        """Tree of the middles of zones, and their mean edges (n,) in m."""
+        mesh = self.model.mesh
+        return KDTree(mesh.points[mesh.zones].mean(axis=1)), zone_edge_lengths(mesh).mean(axis=1)
+
+    @cached_property
+    def _longest(self):
+        """Longest edge (n_groups,) in m of each ground."""
+        mesh, edges = self.model.mesh, zone_edge_lengths(self.model.mesh).max(axis=1)
+        longest = np.zeros(len(mesh.groups))
+        np.maximum.at(longest, mesh.zone_group, edges)
+        return longest
+
+    @cached_property
+    def _bent(self):
+        """Error by planes of joints that leave themselves in the absorbing layer."""
+        mesh = self.model.mesh
+        if mesh.layer is None:
+            return 0.0
+        for joint in self.model.joints:
+            points = mesh.points[np.unique(mesh.surfaces[joint.surface])]
+            beyond = mesh.layer.depths(points).max(axis=1) > 0.0
+            middle = points[~beyond].mean(axis=0) if (~beyond).sum() > 2 else None
+            if middle is None or not beyond.any():
+                continue
+            across = np.linalg.svd(points[~beyond] - middle)[2][-1]
+            away = np.abs((points - middle) @ across)
+            if away[beyond].max() > away[~beyond].max() + BEND * self._longest.max():
+                return BENT
+        return 0.0
+
+    @cached_property
+    def _speeds(self):
+        """S speeds (n_zones,) in m/s."""
+        return self.model.zone_values("cs")
+
+    def _sides(self, points):
+        """Return the share of the motion that the sides send back to the end of a way."""
+        layer = self.model.mesh.layer
+        if layer is not None:
+            along = points @ np.array(layer.frame, dtype=float).T
+            away = np.abs(np.array(layer.inner, dtype=float) - along[:, :, None]).min()
+            path = np.linalg.norm(points[-1] - points[0])
+            ratio = path / max(away, 0.5 * float(self._zones[1].max()))
+            return min(LAYER * max(1.0, ratio / GRAZING) ** GROWTH, MOST_GRAZING)
+        viscous = any(isinstance(each, Viscous) for each in self.model.boundaries)
+        if not (viscous and self.inside):
+            return 0.0
+        return DASHPOTS if self.model.sponge is None else SPONGE
+
+    def _row(self, name, position, near):
+        """Return the expected error at a receiver."""
+        points = self._way(position)
+        zone = self._zones[0].query(points)[1]
+        carried, limit = self._least(zone)
+        time = np.linalg.norm(np.diff(points, axis=0), axis=1) / self._speeds[zone[1:]]
+        depth = self._depth(points[[0, -1]])
+        motions = [
+            self._of_motion(*pair, zone[1:], time, depth)
+            for pair in zip(self.before, self.after, strict=True)
+        ]
+        parts, peak = max(motions, key=lambda each: sum(each[0].values()), default=({}, 0.0))
+        others = {"sides": self._sides(points), "joint in the layer": self._bent}
+        others["near source"] = 0.0 if near is None else near.error
+        peak, parts = float(np.linalg.norm([peak, *others.values()])), parts | others
+        return ReceiverError(name, carried, limit, parts, peak, near)
+
+    def _way(self, end):
+        """Return points (n, 3) on the way of waves to a receiver.
+
+        They turn upwards into soft ground: the way goes straight to the stiff ground below the
+        receiver, and from there up.
+        """
+        share, points = np.linspace(0.0, 1.0, SAMPLES)[:, None], self.model.mesh.points
+        tree, start = self._zones[0], self.start(end)
+        below = end - share * [0.0, 0.0, np.ptp(points[:, 2])]
+        below = below[below[:, 2] >= points[:, 2].min()]
+        stiff = self._speeds[tree.query(below)[1]] >= STIFF * self._speeds[tree.query(start)[1]]
+        turn = below[int(np.argmax(stiff)) if stiff.any() else 0]
+        return np.concatenate([start + share * (turn - start), turn + share * (end - turn)])
+
+    def _least(self, zone):
+        """Return the frequency in Hz that zones on a way carry, and which ground sets it.
+
+        It is ``cs / (n e)`` of their mean edge e, n edges to a wavelength. A layer of height H
+        carries ``cs / 8 H`` at least: below that frequency it moves as one.
+        """
+        mesh, speed = self.model.mesh, self._speeds[zone]
+        edges, group = self.model.edges_per_wavelength * self._zones[1][zone], mesh.zone_group[zone]
+        carried = {}
+        for number in np.unique(group):
+            own, name = group == number, mesh.groups[number]
+            carried[name] = 1.0 / float(np.mean(edges[own] / speed[own]))
+            if name in self.heights:
+                thin = float(speed[own].mean()) / (THIN * self.heights[name])
+                carried[name] = max(carried[name], thin)
+        name = min(carried, key=lambda group: carried[group])
+        return carried[name], name
+
+    def _of_motion(self, whole, passed, zone, time, depth):
+        """Return parts of the error, and that of the peak, of a motion after a way.
+
+        ``zone`` and ``time`` (n,) are those of its pieces, in s at the speed of S waves; ``depth``
+        is that of both ends below a free surface, in m.
+        """
+        frequency, motion, gain = _spectra(whole, passed)
+        phase = self._phase(frequency, zone, time, depth)
+        loss, fitted = self._attenuation(frequency, zone, time)
+        motion = loss[:, None] * motion
+        size = max(float(np.linalg.norm(motion)), 1e-300)
+        delayed, fitted = np.exp(1j * phase)[:, None], fitted[:, None]
+        changes = {"mesh": delayed, "low-pass": gain, "quality": fitted}
+        parts = {
+            name: float(np.linalg.norm((1.0 - change) * motion)) / size
+            for name, change in changes.items()
+        }
+        shown = motion * delayed * gain * fitted
+        peaks = [
+            np.linalg.norm(np.fft.irfft(each, axis=0), axis=1).max() for each in (motion, shown)
+        ]
+        return parts, abs(peaks[1] / max(peaks[0], 1e-300) - 1.0)
+
+    def _depth(self, ends):
+        """Return the sum of depths (2, 3) in m of points below the free top of the mesh."""
+        viscous = {each.surface for each in self.model.boundaries if isinstance(each, Viscous)}
+        if "top" in viscous:
+            return DEEP
+        points = self.model.mesh.points
+        reach = float(self._zones[1].max())
+        depth = 0.0
+        for end in ends:
+            near = np.hypot(*(points[:, :2] - end[:2]).T) <= reach
+            depth += float(points[near, 2].max(initial=end[2]) - end[2])
+        return depth
+
+    def _phase(self, frequency, zone, time, depth):
+        """Return the phase errors (m,) in rad of a way through zones, by frequency."""
+        mesh, speed = self.model.mesh, self._speeds[zone]
+        kind = "quadratic" if self.model.quadratic else "linear"
+        phase, wanted, power = TETRAHEDRA[kind]
+        if mesh.hexahedral:
+            wanted, power = NODES_FOR_ONE_PER_CENT[mesh.order] / mesh.order, convergence(mesh.order)
+        edge, group = self._zones[1][zone].copy(), mesh.zone_group[zone]
+        if mesh.hexahedral:  # finer ones around sources don't help the waves beyond them
+            edge = self._longest[group].copy()
+        for name, height in self.heights.items():
+            own = group == mesh.groups.index(name) if name in mesh.groups else np.zeros(0, int)
+            edge[own] = np.minimum(edge[own], THIN * height / self.model.edges_per_wavelength)
+        travel = max(float(time.sum()), 1e-300)
+        rate = float(time @ (wanted * edge / speed) ** power) / travel
+        waves = np.maximum(frequency * travel, WAVELENGTHS) / WAVELENGTHS
+        growth = waves * rate * frequency**power
+        if not mesh.hexahedral:
+            return np.minimum(phase * growth, LOST)
+        return phase_error(growth, np.exp(-2.0 * np.pi * depth / speed[-1] * frequency))
+
+    def _attenuation(self, frequency, zone, time):
+        """Return the loss (m,) by constant Q on a way, and the ratio (m,) to it by mechanisms."""
+        mesh, loss = self.model.mesh, np.zeros(len(frequency))
+        lag = loss.astype(complex)
+        for number in np.unique(mesh.zone_group[zone]):
+            law = self.model.materials[mesh.groups[number]].law
+            if isinstance(law, ConstantQ):
+                waves = frequency * float(time[mesh.zone_group[zone] == number].sum())
+                inside = np.clip(frequency, *law.band)
+                loss -= np.pi * waves / law.qs
+                lag += 2j * np.pi * waves * law.slowness_error(law.qs, inside)
+        return np.exp(loss), np.exp(lag)
+
+
+def _spectra(whole, passed):
+    """Return frequencies (m,) in Hz, the spectrum (m, 3) of a motion, and the gain of a filter."""
+    n = fast_length(2 * max(len(whole.velocity), len(passed.velocity)))
+    frequency = np.fft.rfftfreq(n, whole.dt)
+    motion = np.fft.rfft(np.nan_to_num(whole.velocity), n, axis=0)
+    if passed is whole or passed.velocity is whole.velocity:
+        return frequency, motion, np.ones_like(motion, dtype=float)
+    after = np.abs(np.fft.rfft(np.nan_to_num(passed.velocity), n, axis=0))
+    return frequency, motion, np.minimum(after / np.maximum(np.abs(motion), 1e-300), 1.0)
+
+
+def held_shares(whole: Seismogram, passed: Seismogram, carried: float) -> tuple[float, float]:
+    """Return which share of energy and peak of a motion its low-passed one has up to a frequency.
+
+    Parameters
+    ----------
+    whole, passed : Seismogram
+    carried : float, Hz
+    """
+    velocity = np.nan_to_num(passed.velocity)
+    periods = int(np.ceil(PERIODS / (carried * passed.dt)))
+    padded = fast_length(len(velocity) + periods)  # a pulse may be shorter than a period
+    spectrum = np.fft.rfft(velocity, padded, axis=0)
+    spectrum[np.fft.rfftfreq(padded, passed.dt) > carried] = 0.0
+    carried_motion = np.fft.irfft(spectrum, padded, axis=0)
+    before = np.nan_to_num(whole.velocity)
+    energy, peak = np.sum(before**2), np.abs(before).max()
+    if not peak > 0.0:
+        return 1.0, 1.0
+    return np.sum(carried_motion**2) / energy, np.abs(carried_motion).max() / peak
