@@ -13,6 +13,7 @@ from pyblast import Seismogram, load_project
 from pyblast.errors import InputError
 from pyblast.project.result import write_csv
 from pyblast.signals.seismogram import BLAST_AXES
+from pyblast.simulation.simulation import in_batches
 from pyblast.workflows.delays import house_limits, optimise_delays
 
 ROWS = ("rows = 4\nholes_per_row = 15", "rows = 2\nholes_per_row = 1")
