@@ -117,7 +117,7 @@ def range_of_key(section: type[BaseModel], key: str) -> Range | None:
     if not _is_numeric(field.annotation):
         return None
     unit = split_key(key)[1]
-    smallest, largest = RANGES[unit]
+    _, largest = RANGES[unit]
     bounds = {
         name: getattr(mark, name)
         for mark in marks
@@ -230,7 +230,7 @@ def keys(section: type[BaseModel], path: str = "") -> dict[str, Range]:
 def range_of_property(key: str) -> Range:
     """Return the range of a property of a joint law by its key, from its unit."""
     stem, unit = split_key(key)
-    smallest, largest = RANGES.get(unit, RANGES[""])
+    _, largest = RANGES.get(unit, RANGES[""])
     usual = None
     if stem in STIFFNESSES:
         usual = Usual(*(end / FACTORS[unit] for end in STIFFNESSES[stem]))
