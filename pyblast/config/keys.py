@@ -117,7 +117,7 @@ def range_of_key(section: type[BaseModel], key: str) -> Range | None:
     if not _is_numeric(field.annotation):
         return None
     unit = split_key(key)[1]
-    _, largest = RANGES[unit]
+    smallest, largest = RANGES[unit]
     bounds = {
         name: getattr(mark, name)
         for mark in marks
