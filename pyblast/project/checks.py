@@ -159,7 +159,7 @@ def ground_as_built(rows):
 
 
 def _mesh_defects(project, summary):
-    """D1, D2, D5, D12, D26, D30, D38, D45: zones, size, sides, layers, units, memory, sources."""
+    """D1, D2, D5, D12, D26, D30, D38, D45, D48: zones, sides, layers, memory, sources, blocks."""
     yield checks_ground.beyond_memory(summary.memory, quality.available())
     times = () if project.blast is None else project.blast.times
     yield unusual(project.config, project.materials, times)
@@ -182,6 +182,9 @@ def _mesh_defects(project, summary):
         yield checks_ground.stiff_joint(
             joint.surface, joint.bound()[0], summary.price, impedance, band
         )
+    yield checks_ground.removable_blocks(
+        summary.removable, summary.blocks, summary.removable_volume
+    )
     yield checks_ground.short_model(float(np.ptp(points[:, 0])), rocks, centre)
     boundaries = project.model.boundaries
     viscous = {b.surface for b in boundaries if isinstance(b, Viscous)}

@@ -413,8 +413,7 @@ def summarise_model(project, progress=None) -> ModelSummary:
     """
     model = project.model
     dt, limit = assembly.time_step(model, progress)
-    n_steps = int(np.ceil(project.duration / dt))
-    cost = cost_of(model, n_steps)
+    cost = cost_of(model, project.duration)
     mass = model.zone_values("density") * zone_volumes(model.mesh)
     blocks = count_blocks(model.mesh, ("top", *project.config.boundaries.free))
     return ModelSummary(
@@ -432,7 +431,7 @@ def summarise_model(project, progress=None) -> ModelSummary:
         joint=limit.joint,
         price=limit.price,
         implicit=int(limit.implicit.zones.sum()),
-        steps=n_steps,
+        steps=int(cost.steps),
         memory=cost.memory,
         seconds=60.0 * cost.minutes,
     )
@@ -531,6 +530,29 @@ def stiff_joint(
         f"ground alone; one of {enough / 1e9:.2g} GPa/m delays waves up to {top:.3g} Hz by no more "
         f"than {CLOSED:g} radian: {advice}.",
         numbers={"price": price, "stiffness": stiffness, "enough": enough},
+    )
+
+
+def removable_blocks(count: int, blocks: int, largest: float) -> Finding | None:
+    """D48: blocks of a free surface that joints alone hold; None where there is none.
+
+    Parameters
+    ----------
+    count, blocks : int
+        Removable ones, and all.
+    largest : float, m3
+        Volume of the largest removable one.
+    """
+    if not count:
+        return None
+    return Finding(
+        "D48",
+        "Blocks can leave the free surface",
+        f"{count} of {blocks} blocks could move out past their joints (Goodman and Shi, without "
+        f"regard to friction and weight), the largest of {plain_number(largest, 3)} m3: joints "
+        "alone hold them. Turn the sets or move the face where the rock there has none, or read "
+        "their motion as that of loose blocks.",
+        numbers={"removable": float(count), "largest": largest},
     )
 
 

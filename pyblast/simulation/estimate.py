@@ -12,9 +12,10 @@ from ..ground.ground import Ground
 from ..ground.tables import mean_edge
 from ..mesh.grid import layer_limits
 from ..mesh.hexahedral.mapped import NotMapped, grid_lines, is_plain
-from ..mesh.quality import ZONES_PER_CUBE
+from ..mesh.quality import ZONES_PER_CUBE, available
 from ..model.model import Model
 from ..signals.seismogram import Seismogram
+from ..solver.assembly import time_step
 from ..solver.edge_springs import SAMPLE_BYTES, held_bytes, run_bytes
 from ..solver.hexahedra import in_layer
 from ..solver.line_implicit import line_groups, steps_of_gradients
@@ -42,7 +43,7 @@ YIELDING, CONTACT = 2e-8, 5e-8
 NODES = {"linear": 0.2, "quadratic": 4.6}  # of a tetrahedron
 CONTACTS = {"linear": 2.0, "quadratic": 9.0}  # on a joint, in the square of an edge
 SHORTEST = {"linear": 0.16, "quadratic": 0.075}  # step over the time of a P wave along an edge
-PER_CELL = 6.0  # tetrahedra in a cell of a grid
+PER_CELL, OF_GRID = 6.0, 2.3  # tetrahedra in a cell of a grid; their step over that of others
 MOST_LINES = 2000  # of a grid along an axis; of finer ones every so many is counted
 MOST_PLANES = 200  # of joint sets that are placed one by one
 SAFE = 0.95  # step over its bound, which waves in soil alone may miss by some per cent
@@ -83,12 +84,16 @@ class Cost:
 
     def __str__(self) -> str:
         """Return the numbers in words."""
-        numbers = (plain_number(n, 2) for n in (self.zones, self.nodes, self.steps))
-        zones, nodes, steps = numbers
+        zones, nodes, steps = map(_in_words, (self.zones, self.nodes, self.steps))
         return (
             f"{self.elements}, about {zones} zones, {nodes} nodes, {steps} steps, "
             f"{plain_number(self.memory / 1e9, 2)} GB, {in_minutes(self.minutes)}"
         )
+
+
+def _in_words(count):
+    """Return a number in two digits, in millions where it is large."""
+    return f"{plain_number(count / 1e6, 2)} million" if count > 1e6 else plain_number(count, 2)
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,9 +138,10 @@ class _Counts:
         return more + (elastic + self.relaxing * (relaxing - elastic)) * self.zones
 
 
-def cost_of(model: Model, n_steps: int) -> Cost:
-    """Return what a run of a model costs."""
+def cost_of(model: Model, duration: float, progress: Callable | None = None) -> Cost:
+    """Return what a run of a model costs over a duration in s; ``progress`` as of `time_step`."""
     nodes, mesh = model.nodes, model.mesh
+    n_steps = int(np.ceil(duration / time_step(model, progress)[0]))
     count = np.bincount(mesh.zone_group, minlength=len(mesh.groups)) / len(mesh.zones)
     kind = mesh.order if mesh.hexahedral else "quadratic" if model.quadratic else "linear"
     counts = _Counts(
@@ -143,7 +149,7 @@ def cost_of(model: Model, n_steps: int) -> Cost:
         0 if nodes.contacts is None else len(nodes.contacts.area),
         float(count @ [bool(model.branches(name)) for name in mesh.groups]),
         float(in_layer(model).any(axis=1).mean()) if mesh.hexahedral else 0.0,
-        np.count_nonzero(model.yielding()),
+        int(np.count_nonzero(model.yielding())),
     )  # fmt: skip
     memory = run_bytes(model, n_steps * (1 + len(model.receivers)))
     return Cost(counts.elements, counts.zones, counts.nodes, n_steps, memory,
@@ -297,6 +303,7 @@ def _of_tetrahedra(ground, stations, duration, step_factor):
     else:
         zones = PER_CELL * np.prod(mesh.grid_cells) * share
         edges = np.full(len(rocks), (size / mesh.grid_cells).min())
+        step_factor *= OF_GRID
     dt = step_factor * SHORTEST[kind] * float(np.min(edges / [rock.cp for rock in rocks]))
     total = float(zones.sum())
     counts = _Counts(
@@ -318,10 +325,10 @@ def _cost(counts, stations, n_steps, n_rates, names, shares):
     memory += SAMPLE_BYTES * n_steps * (1 + received)
     most = int(np.argmax(shares))
     finest = names[most] if len(names) > 1 and shares[most] > LEAST_OF_ZONES else ""
+    time = float(n_steps * counts.seconds)
     return Cost(
-        counts.elements, counts.zones, counts.nodes, n_steps, memory, n_steps * counts.seconds,
-        finest,
-    )  # fmt: skip
+        counts.elements, counts.zones, counts.nodes, float(n_steps), float(memory), time, finest
+    )
 
 
 def beyond_budget(
@@ -330,7 +337,7 @@ def beyond_budget(
     price: Callable[[MeshConfig], Cost | None],
     entering: Sequence[Seismogram],
 ) -> Finding | None:
-    """D49: a run that takes longer than the budget, with what would be affordable.
+    """D49: a run that takes longer than its budget or more memory than there is; what does not.
 
     Parameters
     ----------
@@ -342,23 +349,31 @@ def beyond_budget(
     entering : sequence of Seismogram
         What enters, before any low-pass.
     """
-    mesh = ground.mesh
-    if cost.minutes <= mesh.minutes:
+    mesh, free = ground.mesh, available()
+
+    def affordable(table):
+        other = price(table)
+        return other if other.minutes <= mesh.minutes and other.memory <= free else None
+
+    if cost.minutes <= mesh.minutes and cost.memory <= free:
         return None
     found = [
-        _coarser(ground, price, entering), _less_accurate(mesh, cost, price),
-        _quadratic(ground, cost, price),
-        f"mesh.minutes = {plain_number(np.ceil(1.1 * cost.minutes), 3)} to run it as it is",
-    ]  # fmt: skip
-    finest = f"{cost.finest!r} has most of the zones. " if cost.finest else ""
+        _coarser(ground, affordable, entering),
+        *(_less_accurate(mesh, affordable) if "hexahedra" in cost.elements else ()),
+        *(_quadratic(ground, affordable) if "linear" in cost.elements else ()),
+    ]
+    found = [text for text in found if text] or ["a smaller mesh.size_m"]
+    if cost.memory <= free:
+        found.append(f"mesh.minutes = {plain_number(np.ceil(1.1 * cost.minutes), 3)} runs it as is")
+    why = f"{cost.finest!r} has most of the zones. " if cost.finest else ""
     obstacle = obstacle_to_hexahedra(ground)
     if obstacle is not None and mesh.kind == "auto":
-        finest += f"It has tetrahedra, since {obstacle}. "
+        why += f"It has tetrahedra, since {obstacle}. "
     return Finding(
         "D49",
-        "The run takes longer than its budget",
-        f"It has {cost}, and mesh.minutes allows {in_minutes(mesh.minutes)}. {finest}Affordable: "
-        f"{'; '.join(text for text in found if text)}.",
+        "The run is beyond its budget",
+        f"It has {cost}; mesh.minutes allows {in_minutes(mesh.minutes)}, the machine has "
+        f"{plain_number(free / 1e9, 2)} GB left. {why}Within it: {'; '.join(found)}.",
         failed=True,
         numbers={"minutes": cost.minutes, "allowed": mesh.minutes, "nodes": cost.nodes},
     )
@@ -375,53 +390,46 @@ def at_frequency(ground: Ground, share: float) -> MeshConfig:
     return mesh.model_copy(update={"frequency_hz": share * top})
 
 
-def _coarser(ground, price, entering):
+def _coarser(ground, affordable, entering):
     """Return which edges or which frequency would be affordable, and what a run then holds."""
-    mesh, top = ground.mesh, ground.frequency
-    if mesh.grid_cells is not None:
-        return ""
-
-    low, high = np.log(LOWEST), 0.0
-    if price(at_frequency(ground, LOWEST)).minutes > mesh.minutes:
+    mesh, low, high = ground.mesh, np.log(LOWEST), 0.0
+    if mesh.grid_cells is not None or affordable(at_frequency(ground, LOWEST)) is None:
         return ""
     for _ in range(HALVINGS):
         middle = 0.5 * (low + high)
-        fits = price(at_frequency(ground, np.exp(middle))).minutes <= mesh.minutes
+        fits = affordable(at_frequency(ground, np.exp(middle))) is not None
         low, high = (middle, high) if fits else (low, middle)
-    share = np.exp(low)
-    table = at_frequency(ground, share)
-    time = in_minutes(price(table).minutes)
+    table = at_frequency(ground, np.exp(low))
+    time = in_minutes(affordable(table).minutes)
     if table.frequency_hz == mesh.frequency_hz:
-        return f"edge_m {plain_number(1.0 / share, 2)} times as long ({time}; see finding D40 then)"
-    hz = float(f"{share * top:.2g}")
+        return f"edges {plain_number(np.exp(-low), 2)} times as long ({time}; see D40 then)"
+    digit = 10.0 ** (np.floor(np.log10(table.frequency_hz)) - 1.0)
+    hz = float(np.floor(table.frequency_hz / digit) * digit)
     energy, peak = np.min([held_shares(each, each, hz) for each in entering], axis=0)
     return (
-        f"mesh.frequency_hz = {plain_number(hz, 2)} in place of {plain_number(top, 3)} ({time}; of "
-        f"what enters it holds {100 * energy:.2g} % of the energy and {100 * peak:.2g} % of the "
-        "peak)"
+        f"mesh.frequency_hz = {plain_number(hz, 2)} in place of "
+        f"{plain_number(mesh.frequency_hz or ground.frequency, 3)} ({time}; of what enters it "
+        f"holds {100 * energy:.2g} % of the energy and {100 * peak:.2g} % of the peak)"
     )
 
 
-def _less_accurate(mesh, cost, price):
-    """Return which error of the waveform would be affordable on hexahedra."""
-    if "hexahedra" not in cost.elements:
-        return ""
-    for accuracy in ACCURACIES:
-        other = price(mesh.model_copy(update={"accuracy": accuracy}))
-        if accuracy > mesh.accuracy and other.minutes <= mesh.minutes:
-            return (
+def _less_accurate(mesh, affordable):
+    """Yield which error of the waveform would be affordable on hexahedra."""
+    for accuracy in (each for each in ACCURACIES if each > mesh.accuracy):
+        other = affordable(mesh.model_copy(update={"accuracy": accuracy}))
+        if other is not None:
+            yield (
                 f"mesh.accuracy = {accuracy:g} in place of {mesh.accuracy:g} "
                 f"({in_minutes(other.minutes)}; waveforms {100 * accuracy:g} % off)"
             )
-    return ""
+            return
 
 
-def _quadratic(ground, cost, price):
-    """Return whether quadratic tetrahedra would be affordable."""
-    linear = all(rock.law.name == "elastic" for rock in ground.materials.values())
-    if "linear" not in cost.elements or not linear or ground.mesh.grid_cells is not None:
-        return ""
-    other = price(ground.mesh.model_copy(update={"quadratic": True}))
-    if other.minutes > ground.mesh.minutes:
-        return ""
-    return f"mesh.quadratic = true ({in_minutes(other.minutes)}; as accurate)"
+def _quadratic(ground, affordable):
+    """Yield whether quadratic tetrahedra would be affordable."""
+    elastic = all(rock.law.name == "elastic" for rock in ground.materials.values())
+    if not elastic or ground.mesh.grid_cells is not None:
+        return
+    other = affordable(ground.mesh.model_copy(update={"quadratic": True}))
+    if other is not None:
+        yield f"mesh.quadratic = true ({in_minutes(other.minutes)}; as accurate)"

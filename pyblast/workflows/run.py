@@ -12,6 +12,7 @@ from ..errors import Finding, InputError, ReadError
 from ..model.model import Model
 from ..project.checks import Check, check
 from ..project.checks_ground import ModelSummary, summarise_model
+from ..project.elastic_ground import soil_strain
 from ..project.level import CODE as LEVEL
 from ..project.level import (
     Peak,
@@ -268,7 +269,8 @@ def _conclude(project: Project, checked: Check, run_: Run, folder: Path) -> Outc
     before = (finding for finding in checked.findings if finding.code not in judged)
     level = level_findings(project, simulated_peaks(project, simulated, complete))
     energy = energy_finding(source_energy(project, run_.energy["input"]))
-    after = (*(() if energy is None else (energy,)), *record_findings(simulated))
+    found = energy, soil_strain(project.model, simulated)
+    after = (*(each for each in found if each is not None), *record_findings(simulated))
     checked = replace(checked, findings=(*level, *before, *after))
     stages, names = project.input, ("signature", "superposed", "motion")
     groups = {
