@@ -433,7 +433,7 @@ def _price(project, band):
         return " Its mesh carries more; raise low_pass_hz."
     edge = float(model.mean_edges()[band.limited_by]) / ratio[band.limited_by]
     finer = f" Edges of {plain_number(edge, 2)} m there"
-    if project.cost is None or project.config.mesh.grid_cells is not None:
+    if project.cost is None:
         return f"{finer} carry it."
     other = project.price(at_frequency(project.sized, max(ratio.values())))
     return (

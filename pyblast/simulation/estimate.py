@@ -357,14 +357,14 @@ def beyond_budget(
 
     if cost.minutes <= mesh.minutes and cost.memory <= free:
         return None
-    found = [
+    offers = [
         _coarser(ground, affordable, entering),
         *(_less_accurate(mesh, affordable) if "hexahedra" in cost.elements else ()),
         *(_quadratic(ground, affordable) if "linear" in cost.elements else ()),
     ]
-    found = [text for text in found if text] or ["a smaller mesh.size_m"]
+    offers = [text for text in offers if text] or ["a smaller mesh.size_m"]
     if cost.memory <= free:
-        found.append(f"mesh.minutes = {plain_number(np.ceil(1.1 * cost.minutes), 3)} runs it as is")
+        offers.append(f"mesh.minutes = {plain_number(np.ceil(1.1 * cost.minutes), 3)} runs it as is")
     why = f"{cost.finest!r} has most of the zones. " if cost.finest else ""
     obstacle = obstacle_to_hexahedra(ground)
     if obstacle is not None and mesh.kind == "auto":
@@ -373,7 +373,7 @@ def beyond_budget(
         "D49",
         "The run is beyond its budget",
         f"It has {cost}; mesh.minutes allows {in_minutes(mesh.minutes)}, the machine has "
-        f"{plain_number(free / 1e9, 2)} GB left. {why}Within it: {'; '.join(found)}.",
+        f"{plain_number(free / 1e9, 2)} GB left. {why}Within it: {'; '.join(offers)}.",
         failed=True,
         numbers={"minutes": cost.minutes, "allowed": mesh.minutes, "nodes": cost.nodes},
     )
@@ -382,9 +382,12 @@ def beyond_budget(
 def at_frequency(ground: Ground, share: float) -> MeshConfig:
     """Return the table of a mesh that carries a share of the frequency of that of a ground.
 
-    By its frequency, or by its edges where these are given.
+    By its frequency, by its edges where these are given, or by the cells of its grid.
     """
     mesh, top = ground.mesh, ground.frequency
+    if mesh.grid_cells is not None:
+        cells = [int(np.ceil(share * count)) for count in mesh.grid_cells]
+        return mesh.model_copy(update={"grid_cells": cells})
     if top is None or any(part.edge_m is not None for part in (mesh, *mesh.layers)):
         return scaled(mesh, 1.0 / share)
     return mesh.model_copy(update={"frequency_hz": share * top})

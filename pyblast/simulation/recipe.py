@@ -22,7 +22,7 @@ from ..mesh.hexahedral.mapped import Builder, Fine, NotMapped
 from ..mesh.mesh import Mesh, zone_edge_lengths
 from ..mesh.quality import explicit_work
 from ..model.material import ConstantQ
-from ..model.model import Model
+from ..model.model import HEX_NODES, Model
 from ..model.thin_layers import share_of_edge
 from ..solver.injection import LOWEST_ORDER, injected_sources
 from ..solver.moment_density import edges_near
@@ -585,11 +585,19 @@ def thin_layers(ground: Ground, stations: Stations) -> dict[str, float]:
 
 
 def layer_sizes(ground: Ground, stations: Stations, order: int) -> np.ndarray:
-    """Return width and height (n_layers, 2) in m of the hexahedra of each layer."""
+    """Return width and height (n_layers, 2) in m of the hexahedra of each layer.
+
+    Thin ones are as wide as `Model.highest_frequency` asks for, too.
+    """
     parts, thin = ground.mesh.layers, thin_layers(ground, stations)
     high = np.array([_size(ground, part, order, stations.reach) for part in parts])
+    if not thin:
+        return np.column_stack([high, high])
     share = np.array([thin.get(part.material, 0.0) for part in parts])
-    return np.column_stack([np.maximum(high, share * high[share == 0.0].min()), high])
+    speeds = np.array([ground.materials[part.material].cs for part in parts])
+    known = order * speeds / (HEX_NODES * ground.frequency)
+    across = np.minimum(high, known)[share == 0.0].min()
+    return np.column_stack([np.maximum(high, share * across), high])
 
 
 def _size(ground, part, order, reach):

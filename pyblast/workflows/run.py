@@ -269,8 +269,8 @@ def _conclude(project: Project, checked: Check, run_: Run, folder: Path) -> Outc
     before = (finding for finding in checked.findings if finding.code not in judged)
     level = level_findings(project, simulated_peaks(project, simulated, complete))
     energy = energy_finding(source_energy(project, run_.energy["input"]))
-    found = energy, soil_strain(project.model, simulated)
-    after = (*(each for each in found if each is not None), *record_findings(simulated))
+    of_run = energy, soil_strain(project.model, simulated)
+    after = (*(each for each in of_run if each is not None), *record_findings(simulated))
     checked = replace(checked, findings=(*level, *before, *after))
     stages, names = project.input, ("signature", "superposed", "motion")
     groups = {
