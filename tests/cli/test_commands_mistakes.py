@@ -11,8 +11,8 @@ from pyblast.blasts.blast import Blast
 from pyblast.cli.commands import app
 from pyblast.cli.console import Progress
 from pyblast.errors import InputError, ReadError
-from pyblast.project.checks import check
 from pyblast.mesh import quality
+from pyblast.project.checks import check
 from pyblast.project.project import load_project
 from pyblast.project.result import cut_short, low_frequencies, read_result
 from pyblast.recordings.recording import read_recording
