@@ -476,9 +476,9 @@ class ModelView:
     @classmethod
     def of_scene(cls, shown: dict) -> "ModelView":
         """Return the view of a scene."""
-        made = cls.__new__(cls)
-        made.scene = shown
-        return made
+        view = cls.__new__(cls)
+        view.scene = shown
+        return view
 
     def __repr__(self) -> str:
         """Return title and size."""
