@@ -28,7 +28,7 @@ import numpy as np
 from pyblast.project.project import load_project
 from pyblast.project.result import read_result, write_csv
 
-from .rows import each_row, options
+from .rows import draws, each_row
 
 OUT = Path(__file__).with_suffix(".json")
 SEED, COUNT, MINUTES = 2026, 5, 25.0
@@ -76,9 +76,11 @@ position_m = [14, 10, 30]
 material = "rock"
 charge_kg = 50
 radius_m = 0.5
-peak_mm_per_s = 40
-distance_m = 30
+pressure_mpa = 100
 peak_time_ms = 40
+"""
+KNOWN = "peak_mm_per_s = 40\ndistance_m = 30"  # the level, as measured
+RUN = """
 [run]
 duration_s = 0.4
 compare_band_hz = [3, 20]
@@ -119,7 +121,7 @@ band_hz = [3, 20]
 name = "R2"
 limit_mm_per_s = 5
 """
-# Words of each command, folder and file of its answer, and what its project has beside the ground.
+# Words of each command, folder and file of its answer, what its project has beside the ground.
 COMMANDS = {
     "run": (["--accept-findings"], "results", "result.h5", ""),
     "backanalyse": (["--workers", "2"], "back_analysis", "back_analysis.json", SEARCH),
@@ -130,17 +132,11 @@ COMMANDS = {
 PASSING = {"wall_s", "wall_seconds", "seconds", "kept_s", "kept_runs", "runs", "finished", "load"}
 
 
-def text_of(command: str) -> str:
-    """Return the project file of a command; records stand beside all but delays."""
-    recorded = RECORDED if command in ("run", "backanalyse", "diagnose") else ""
-    parts = (
-        RECEIVER.format(name=n, at=at) + recorded.format(name=n) for n, at in RECEIVERS.items()
-    )
-    return (
-        "".join([GROUND, *parts, COMMANDS[command][3]])
-        if command in COMMANDS
-        else "".join([GROUND, *(RECEIVER.format(name=n, at=at) for n, at in RECEIVERS.items())])
-    )
+def text_of(further: str, recorded: str = RECORDED) -> str:
+    """Return a project file: ground, receivers with their records, and further tables."""
+    parts = (RECEIVER + recorded).format
+    ground = GROUND.replace("pressure_mpa = 100", KNOWN) + RUN
+    return "".join([ground, *(parts(name=name, at=at) for name, at in RECEIVERS.items()), further])
 
 
 @cache
@@ -148,7 +144,7 @@ def records() -> Path:
     """Write the records, which the ground itself made, with noise; return their folder."""
     folder, rng = Path(tempfile.mkdtemp(prefix="faults-")), np.random.default_rng(SEED)
     path = folder / "made.toml"
-    path.write_text(text_of(""), encoding="utf-8")
+    path.write_text(text_of("", ""), encoding="utf-8")
     for name, motion in load_project(path).simulate().seismograms.items():
         motion = motion.sampled(-BEFORE, 1.0 / RATE, int(RATE * LENGTH))
         noise = NOISE * rng.normal(size=motion.velocity.shape)
@@ -171,7 +167,7 @@ def reference(command: str) -> tuple[object, float]:
 def project_in(folder: Path, command: str) -> Path:
     """Write the project of a command and its records into a folder."""
     copytree(records(), folder, dirs_exist_ok=True)
-    (folder / "project.toml").write_text(text_of(command), encoding="utf-8")
+    (folder / "project.toml").write_text(text_of(COMMANDS[command][3]), encoding="utf-8")
     return folder
 
 
@@ -212,11 +208,16 @@ def running(session: int) -> Iterator[int]:
             yield int(stat.parent.name)
 
 
+def share_of(command: str, number: int, seed: int) -> float:
+    """Return the moment of a signal, over the seconds of a command."""
+    return float(np.random.default_rng([seed, number, *command.encode()]).random())
+
+
 def row(name: str) -> dict:
     """End a command by a signal at a moment, start it again, and compare its answer."""
     command, fault, number, seed = name.split()
     expected, whole = reference(command)
-    share = np.random.default_rng([int(seed), int(number), len(command), len(fault)]).random()
+    share = share_of(command, int(number), int(seed))
     with tempfile.TemporaryDirectory() as made:
         folder = project_in(Path(made), command)
         first = begin(folder, command)
@@ -242,15 +243,9 @@ def row(name: str) -> dict:
 
 def main(arguments: list[str]) -> int:
     """Compute the rows that the file lacks; return 1 if one of them all is no good."""
-    others, found = options(arguments)
-    seed = SEED
-    if "--seed" in others:
-        at = others.index("--seed")
-        seed = int(others[at + 1])
-        del others[at : at + 2]
-    count, minutes = int(others[0]) if others else COUNT, found.pop("minutes", MINUTES)
+    seed, count, limits = draws(arguments, SEED, COUNT, MINUTES)
     names = [f"{c} {SIGNALS[n % 2]} {n} {seed}" for n in range(count) for c in COMMANDS]
-    rows = each_row(OUT, names, row, minutes, **found)
+    rows = each_row(OUT, names, row, **limits)
     bad = [n for n, r in rows.items() if r["result"] != "the same" or r["still_running"]]
     print(f"faults: {len(rows)} moments, {len(bad)} of them with another answer or processes left")
     return 1 if bad else 0
