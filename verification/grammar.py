@@ -188,7 +188,9 @@ def _key(rng, made, wanted: Callable[[type, str], bool]):
 
 def _is_number(section, key):
     """Tell whether a key holds one number, and nothing else beside it."""
-    kinds = {kind for kind in _kinds(section.model_fields[key].annotation) if kind is not type(None)}
+    kinds = {
+        kind for kind in _kinds(section.model_fields[key].annotation) if kind is not type(None)
+    }
     return kinds <= {int, float} and range_of_key(section, key) is not None
 
 
@@ -235,7 +237,9 @@ def unknown_key(rng: Generator, made: Drawn) -> bool:
     _, table, section = _one(rng, list(places(Config, made.tables)))
     name = _one(rng, sorted(table))
     at = int(rng.integers(len(name)))
-    wrong = _one(rng, [name[:at] + name[at + 1 :], name + "_", name.upper(), "colour", "", "a" * 300])
+    wrong = _one(
+        rng, [name[:at] + name[at + 1 :], name + "_", name.upper(), "colour", "", "a" * 300]
+    )
     if wrong in section.model_fields:
         return False
     table[wrong] = table.pop(name) if rng.random() < 0.5 else table[name]
@@ -344,8 +348,8 @@ def bad_path(rng: Generator, made: Drawn) -> bool:
     return True
 
 
-# In the order in which two of them are made: the first ones need tables that are whole, and the last
-# one says whether the file must be refused.
+# In the order in which two of them are made: the first ones need tables that are whole, and the
+# last one says whether the file must be refused.
 MISTAKES = (
     wrong_name, outside, bad_table, bad_path, taken_away, odd_number, odd_list, beyond, other_type,
     unknown_key, unprintable,
@@ -375,7 +379,9 @@ def spoil(text: str, rng: Generator) -> tuple[bytes, bool]:
 def write(folder: Path, rng: Generator) -> tuple[str, bool]:
     """Write a project file with mistakes; return their names, and whether it must be refused."""
     made = drawn(rng)
-    ways = sorted({_one(rng, MISTAKES) for _ in range(1 + (rng.random() < 0.3))}, key=MISTAKES.index)
+    ways = sorted(
+        {_one(rng, MISTAKES) for _ in range(1 + (rng.random() < 0.3))}, key=MISTAKES.index
+    )
     must = [way(rng, made) for way in ways][-1]
     text = "\n".join(f"{_quoted(key)} = {toml(value)}" for key, value in made.tables.items())
     raw, names = text.encode("utf-8", "surrogatepass"), [way.__name__ for way in ways]
@@ -436,7 +442,7 @@ def _check(folder):
         main()
     except SystemExit as end:
         code = end.code if isinstance(end.code, int) else 1
-    except BaseException:  # noqa: BLE001 - what a process of its own would print
+    except BaseException:  # what a process of its own would print
         traceback.print_exc()
     finally:
         sys.stdout.flush()
