@@ -41,10 +41,17 @@ def test_a_bad_value_is_refused_in_one_printable_sentence(tmp_path, old, new, se
     assert str(caught.value).isprintable()
 
 
-def test_a_force_of_zeros_does_not_enter(tmp_path):
-    (tmp_path / "f.csv").write_text("time_s,force_n\n0,0\n0.1,0\n0.2,0\n0.3,0\n")
+@pytest.mark.parametrize(
+    ("lines", "rule"),
+    [
+        ("0,0\n0.1,0\n0.2,0\n0.3,0\n", "is zero throughout"),
+        ("0,1\n1e-300,2\n2e-300,1\n3e-300,0\n", "line 3: times must grow by equal steps"),
+    ],
+)
+def test_a_force_that_moves_nothing_is_refused(tmp_path, lines, rule):
+    (tmp_path / "f.csv").write_text(f"time_s,force_n\n{lines}")
 
-    with pytest.raises(ReadError, match=r"f\.csv: is zero throughout"):
+    with pytest.raises(ReadError, match=rf"f\.csv.* {rule}"):
         _ = load_project(written(tmp_path, ("[run]", f"{FORCE}[run]"))).inside
 
 

@@ -29,7 +29,7 @@ Path("out/001/answer.json").write_text(json.dumps(answer))
 def counting(monkeypatch):
     """Let commands count, in place of those of pyblast."""
 
-    def begin(folder, command):
+    def begin(folder, command, *_):
         words = [sys.executable, "-c", COUNTING, command]
         with (folder / "said.txt").open("w") as said:
             return subprocess.Popen(words, cwd=folder, stdout=said, start_new_session=True)
@@ -51,6 +51,7 @@ def test_a_command_that_goes_on_has_the_same_answer(fault):
     assert row["result"] == "the same"
     assert row["still_running"] == 0
     assert row["code"] in (-getattr(signal, fault), 0)
+    assert not faults.is_bad(row)
 
 
 @pytest.mark.usefixtures("counting")
@@ -58,7 +59,27 @@ def test_a_command_whose_answer_depends_on_the_interruption_is_found(monkeypatch
     faults.reference("tells")
     monkeypatch.setattr(faults, "share_of", lambda *_: 0.6)
 
-    assert faults.row("tells SIGKILL 3 1")["result"] == "another"
+    row = faults.row("tells SIGKILL 3 1")
+
+    assert row["result"] == "another"
+    assert faults.is_bad(row)
+
+
+@pytest.mark.parametrize(
+    ("changes", "bad"),
+    [
+        ({}, False),
+        ({"code": 2, "told": "pyblast: a disk is full"}, False),
+        ({"code": 2, "told": ""}, True),
+        ({"code": 1, "told": "Traceback (most recent call last):"}, True),
+        ({"still_running": 1}, True),
+        ({"fault": "ascii", "code": 2, "told": "pyblast: no"}, True),
+    ],
+)
+def test_a_command_is_no_good_that_ends_without_a_sentence(changes, bad):
+    row = {"fault": "full", "code": 0, "told": "", "still_running": 0, "result": "the same"}
+
+    assert faults.is_bad(row | changes) == bad
 
 
 def test_what_depends_on_when_a_command_ran_is_left_out():
