@@ -364,7 +364,9 @@ def beyond_budget(
     ]
     offers = [text for text in offers if text] or ["a smaller mesh.size_m"]
     if cost.memory <= free:
-        offers.append(f"mesh.minutes = {plain_number(np.ceil(1.1 * cost.minutes), 3)} runs it as is")
+        offers.append(
+            f"mesh.minutes = {plain_number(np.ceil(1.1 * cost.minutes), 3)} runs it as is"
+        )
     why = f"{cost.finest!r} has most of the zones. " if cost.finest else ""
     obstacle = obstacle_to_hexahedra(ground)
     if obstacle is not None and mesh.kind == "auto":

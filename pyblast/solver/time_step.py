@@ -242,9 +242,7 @@ def critical_step_of_hexahedra(
         explicit *= float(bounds[0].min() / bounds[0][~implicit].min())
     contacts = np.zeros(len(contact_pairs(model.nodes.contacts)), dtype=bool)
     undamped = min(longest_step(squared, drag), of_lines)
-    return CriticalStep(
-        dt, undamped, part, Implicit(implicit, contacts), explicit, joint, price
-    )
+    return CriticalStep(dt, undamped, part, Implicit(implicit, contacts), explicit, joint, price)
 
 
 def _typical(own):

@@ -11,7 +11,6 @@ from pyblast.blasts.blast import Blast
 from pyblast.cli.commands import app
 from pyblast.cli.console import Progress
 from pyblast.errors import InputError, ReadError
-from pyblast.mesh import quality
 from pyblast.project.checks import check
 from pyblast.project.project import load_project
 from pyblast.project.result import cut_short, low_frequencies, read_result
@@ -159,7 +158,7 @@ def test_d27_holes_in_the_model_that_enter_through_a_face(tmp_path):
 
 
 def test_d30_a_run_that_would_be_refused_for_its_memory(tmp_path, monkeypatch):
-    monkeypatch.setattr(quality, "available", lambda: 8e9)
+    monkeypatch.setattr("pyblast.mesh.quality.available", lambda: 1e8)
     long = written(tmp_path, ("duration_s = 0.1", "duration_s = 1e5"))
 
     assert codes(long)["D30"].failed

@@ -149,11 +149,7 @@ def test_d8_a_closing_fault_passes_what_its_tangent_under_the_pressure_passes(tm
         ("tension_kpa = 0", ""), (', "joints.F1.cohesion_kpa"', ""),
     ]  # fmt: skip
     found = [
-        next(
-            f
-            for f in check(load_project(written(tmp_path, *some))).findings
-            if f.code == "D8"
-        )
+        next(f for f in check(load_project(written(tmp_path, *some))).findings if f.code == "D8")
         for some in ([], changes)
     ]
 

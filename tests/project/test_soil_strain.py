@@ -19,9 +19,7 @@ def found(peak, soil=SOIL):
     layers = [Layer("soil", 10.0), Layer("rock")]
     mesh = structured_box((2, 2, 2), (20.0, 20.0, 20.0), layers=layers)
     receivers = [Receiver("on soil", (10.0, 10.0, 20.0)), Receiver("in rock", (10.0, 10.0, 2.0))]
-    model = SimpleNamespace(
-        mesh=mesh, receivers=receivers, materials={"soil": soil, "rock": ROCK}
-    )
+    model = SimpleNamespace(mesh=mesh, receivers=receivers, materials={"soil": soil, "rock": ROCK})
     motion = Seismogram(np.outer([0.0, 0.5, 0.0], [0.0, 0.6 * peak, 0.8 * peak]) * 2.0, 0.01)
     return soil_strain(model, dict.fromkeys(("on soil", "in rock"), motion))
 

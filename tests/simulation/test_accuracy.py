@@ -69,7 +69,7 @@ def test_a_short_pulse_is_incomplete_and_nothing_is_compared(tmp_path):
 
     assert not band.complete
     assert found.failed
-    assert re.search(r"in all about \d+ zones, carry it in about \d+ s in place of \d+ s", found.text)
+    assert re.search(r"about \d+ zones, carry it in about \d+ s in place of \d+ s", found.text)
     assert "the blast has motion up to 12" in found.text
     assert check(project).failed
     assert table["rows"] == []
@@ -141,7 +141,8 @@ def test_a_mesh_without_a_size_carries_the_blast_in_each_layer(tmp_path, changes
     (sized,) = re.findall(r"sized for the (\S+) Hz of the blast", project.meshed.reason)
     assert band.needed <= float(sized) <= 1.15 * MOST * band.needed + 0.05  # of three digits
     assert band.complete
-    assert band.carried > 0.95 * float(sized)
+    # what is carried counts 5 nodes a wavelength, edges for this short way have 4.6
+    assert band.carried > 0.92 * float(sized)
     edges = project.model.mean_edges()
     assert len(edges) == 1 or edges["soil"] < 0.7 * edges["rock"]  # no layer sets that of all
 
