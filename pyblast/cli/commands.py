@@ -564,6 +564,42 @@ def records(
         console.say(f"report:  {results / 'report.html'}")
 
 
+@app.command(cls=Finite)
+def site(
+    folder: Annotated[
+        Path,
+        typer.Argument(help="Folder with blasts.csv, stations.csv and records in subfolders."),
+    ],
+    out: Annotated[
+        Path | None, typer.Option(help="Folder for the result [site in that folder].")
+    ] = None,
+    limit_curve: Annotated[
+        str, typer.Option(help="Limit curve of the peaks.")
+    ] = "din_4150_dwelling",
+    air_limit: Annotated[
+        float | None, typer.Option(help="Limit of the air overpressure in Pa.")
+    ] = None,
+    verbose: Verbose = False,
+):
+    """Join the records of many blasts to a log, and learn from blast to blast.
+
+    Reads the log (date, time, x, y, charge or hole table), the stations (name, serial number, x, y,
+    trigger level) and all records of the folder. Writes site.json, report.html and a table of
+    compliance, anew by each call; files that were parsed before are not parsed again.
+    """
+    with exit_codes():
+        from ..report.site import site_lines
+        from ..workflows.site import learn_site
+
+        with console.Progress() as progress:
+            summary, results = learn_site(
+                folder, out, limit_curve=limit_curve, air_limit=air_limit, progress=progress
+            )
+        console.show_inputs(summary["inputs"], verbose)
+        console.say("\n".join([*site_lines(summary), f"results: {results}"]))
+        console.say(f"report:  {results / 'report.html'}")
+
+
 def standalone() -> None:
     """Replace this process by the program ``pyblast-run``."""
     binary = resources.files("pyblast") / "bin" / "pyblast-run"
