@@ -114,7 +114,7 @@ def learn_site(
     })  # fmt: skip
     tell("writing", 0, 1)
     write_summary(out / RESULT, summary)
-    write_tables(out, {"compliance": compliance_table(summary)})
+    write_tables(out, {"compliance": site_csv(summary)})
     write_site_report(out / REPORT, summary)
     return summary, out
 
@@ -288,7 +288,7 @@ HEADS = (
 )  # fmt: skip
 
 
-def compliance_table(summary: dict) -> str:
+def site_csv(summary: dict) -> str:
     """Return all joined records as CSV: one row a record, as regulators ask for it."""
     return csv_table(
         [head for head, _, _ in HEADS] + ["air_overpressure_db"],
