@@ -76,17 +76,16 @@ def _blast(draw, away, delay, level, corner, polar, gains, turns):
         hz = corner[s] * (far / 400.0) ** -0.3 * draw.lognormal(0.0, 0.05, holes)
         size = draw.lognormal(0.0, 0.25, holes) * charge**0.7 * 6.0 * far**-1.5
         since = time[:, None] - times - far / 2500.0
-        since = np.where(since > 0.0, since, np.inf)
+        since = np.maximum(since, 0.0)
         parts = []
         for weight, slow in ((1.0, 1.0), (0.45, 0.8), (0.7, 1.1)):
-            phase = 2.0 * np.pi * hz * slow * np.where(np.isfinite(since), since, 0.0)
+            phase = 2.0 * np.pi * hz * slow * since
             envelope = hz * since * np.exp(-0.6 * hz * since)
-            envelope = np.where(np.isfinite(since), envelope, 0.0)
             parts.append(weight * (envelope * size * np.sin(phase + draw.normal(0.0, 0.4))).sum(1))
         radial, across, upright = np.array(parts) * np.exp(common[s] + draw.normal(0.0, 0.1))
         wave = (radial + 1j * across) * np.exp(1j * (azimuth + polar[s] + draw.normal(0, 0.08)))
         wave = gains[s] * wave * np.exp(1j * turns[s])
-        motion[s] = 0.05 * np.stack([wave.real, wave.imag, gains[s] * upright], axis=1)
+        motion[s] = 0.15 * np.stack([wave.real, wave.imag, gains[s] * upright], axis=1)
     window = np.arange(0.0, times.max(), 0.001)[:, None]
     inside = (times >= window) & (times < window + 0.008)
     return motion, float((inside * charge).sum(axis=1).max())

@@ -10,8 +10,9 @@ from .monitoring import FEATURES
 FEWEST = 4  # records of a station, or blasts, on either side of a change
 SURE = 4.0  # log of the evidence above that of no change
 LEAD = 3.0  # log of the evidence by which a kind must lead another to be named alone
-MOST = 30  # changes
-PASSES = 2  # of the refinement of all changes
+MOST = 40  # changes
+REACH = 60  # blasts on either side of a change by which it is judged
+PASSES = 4  # over all changes, in which further ones are added
 CLIPPED = 4.0  # robust standard deviations from its neighbours to which a record counts
 NORMAL_MAD = 1.4826  # standard deviation of a normal law over its median absolute deviation
 SHARE = 0.90  # of the intervals
@@ -86,15 +87,15 @@ def residuals(features: np.ndarray, scaled: np.ndarray, azimuth: np.ndarray) -> 
     (n_blasts, n_stations, n_features) float64
         About the median of each station. Slopes are those of differences between successive
         records of a station, which a change touches once; the polarization is taken relative to
-        the direction of the blast where that leaves less of it. A record far off its neighbours
-        counts 4 robust standard deviations.
+        the direction of the blast where it then varies less, as at a sensor that stays as it is. A
+        record far off its neighbours counts 4 robust standard deviations.
     """
     known = np.isfinite(features).all(axis=-1) & np.isfinite(scaled).all(axis=-1)
     values = np.where(known[..., None], features, np.nan)
     turned = (values[..., ALONG] + 1j * values[..., ACROSS]) * np.exp(-2j * azimuth)
     polar = np.stack([turned.real, turned.imag], axis=-1)
     as_read = values[..., [ALONG, ACROSS]]
-    if np.nansum(_steps(polar) ** 2) < np.nansum(_steps(as_read) ** 2):
+    if np.nansum(_about_mean(polar) ** 2) < np.nansum(_about_mean(as_read) ** 2):
         values[..., [ALONG, ACROSS]] = polar
     covariates, change = _steps(np.where(known[..., None], scaled, np.nan)), _steps(values)
     levels = [HORIZONTAL, VERTICAL, FREQUENCY, DURATION]
@@ -106,6 +107,12 @@ def residuals(features: np.ndarray, scaled: np.ndarray, azimuth: np.ndarray) -> 
         if len(own):
             values[known[:, s], s] = _without_outliers(own) - np.median(own, axis=0)
     return values
+
+
+def _about_mean(values):
+    """Return values about the mean of each station."""
+    count = np.maximum(np.isfinite(values).sum(axis=0), 1)
+    return values - np.nansum(values, axis=0) / count
 
 
 def _steps(values):
@@ -157,18 +164,15 @@ class _Scan:
         whole = on.sum(axis=1)
         each = np.einsum("bsfi,fg,bsgj->bij", on, self.weights, on, optimize=True)
         each -= np.einsum("bfi,bfg,bgj->bij", whole, self.common, whole, optimize=True)
-        before = np.concatenate([np.zeros_like(each[:1]), np.cumsum(each, axis=0)])[:-1]
-        total = each.sum(axis=0)
         touched = (np.abs(pattern).sum(axis=(1, 2)) > 0) & self.present.any(axis=0)
-        count = np.cumsum(self.present[:, touched], axis=0)
-        seen = np.concatenate([np.zeros_like(count[:1]), count])[:-1]
-        enough = ((seen >= FEWEST) & (seen[-1] - seen >= FEWEST)).any(axis=1)
-        used = np.flatnonzero(enough)
-        tiny = 1e-9 * np.eye(len(total)) * max(np.trace(total), 1.0)
-        return None if not len(used) else (
-            used, np.linalg.inv(before[used] + tiny),
-            np.linalg.inv(total - before[used] + tiny), np.linalg.inv(total + tiny),
-        )  # fmt: skip
+        seen = [part[:, touched] >= FEWEST for part in _sides(self.present.astype(int))]
+        used = np.flatnonzero((seen[0] & seen[1]).any(axis=1))
+        if not len(used):
+            return None
+        before, after = (part[used] for part in _sides(each))
+        tiny = 1e-9 * np.eye(pattern.shape[-1]) * max(np.trace(each.sum(axis=0)), 1.0)
+        return (used, np.linalg.inv(before + tiny), np.linalg.inv(after + tiny),
+                np.linalg.inv(before + after + tiny))  # fmt: skip
 
     def scores(self, residual):
         """Return the residuals (n_blasts, n_stations, n_features) times the inverse covariance."""
@@ -185,22 +189,30 @@ class _Scan:
                 continue
             used, first, second, whole = sums
             each = np.einsum("bsf,sfi->bi", score, pattern)
-            before = np.concatenate([np.zeros_like(each[:1]), np.cumsum(each, axis=0)])[:-1][used]
-            total = each.sum(axis=0)
-            after = total - before
-            ratio = 0.5 * (
-                np.einsum("bi,bij,bj->b", before, first, before)
-                + np.einsum("bi,bij,bj->b", after, second, after)
-                - total @ whole @ total
-            )
+            before, after = (part[used] for part in _sides(each))
+            total = before + after
+            ratio = 0.5 * (_square(before, first) + _square(after, second) - _square(total, whole))
             k = int(np.argmax(ratio))
-            free = len(total)
-            evidence = ratio[k] - 0.5 * free * np.log(len(residual)) - np.log(n_tried)
+            paid = 0.5 * pattern.shape[-1] * np.log(min(2 * REACH, len(residual)))
+            evidence = ratio[k] - paid - np.log(n_tried)
             step = second[k] @ after[k] - first[k] @ before[k]
             error = np.sqrt(np.diag(first[k] + second[k]))
             step = np.where(error < UNSEEN, step, 0.0)
             rows.append((evidence, name, station, pattern, used, ratio, step, error))
         return sorted(rows, key=lambda row: -row[0])
+
+
+def _sides(values):
+    """Return the sums over the blasts before each one, and from it on, within the reach."""
+    total = np.concatenate([np.zeros_like(values[:1]), np.cumsum(values, axis=0)])
+    at = np.arange(len(values))
+    before = total[at] - total[np.maximum(at - REACH, 0)]
+    return before, total[np.minimum(at + REACH, len(values))] - total[at]
+
+
+def _square(vectors, matrices):
+    """Return the quadratic form of each vector, (n,)."""
+    return np.einsum("bi,bij,bj->b", vectors, matrices, vectors)
 
 
 def _covariances(residual, present):
@@ -270,10 +282,10 @@ def changes(residual: np.ndarray) -> list[Change]:
         return []
     scan, rest = _Scan(residual), residual.copy()
     result: list[Change] = []
-    while len(result) < MOST and (change := _next(scan, rest)) is not None:
-        result.append(change)
-        rest = rest - _shape(change, residual.shape)
     for _ in range(PASSES):
+        while len(result) < MOST and (change := _next(scan, rest)) is not None:
+            result.append(change)
+            rest = rest - _shape(change, residual.shape)
         for k in range(len(result) - 1, -1, -1):
             rest = rest + _shape(result[k], residual.shape)
             again = _next(scan, rest)
