@@ -52,7 +52,9 @@ def site(seed: int) -> dict:
     delay = np.where(np.arange(count) >= hidden["delays"], draw.choice([0.009, 0.042]), 0.025)
     gains, turns = np.ones((count, STATIONS)), np.zeros((count, STATIONS))
     gains[hidden["halved"] :, draw.integers(STATIONS)] = 0.5
-    turns[hidden["turned"] :, draw.integers(STATIONS)] = draw.choice([-1, 1]) * draw.uniform(0.5, 1.5)
+    turns[hidden["turned"] :, draw.integers(STATIONS)] = draw.choice([-1, 1]) * draw.uniform(
+        0.5, 1.5
+    )
     charge, motion = np.zeros(count), np.zeros((count, STATIONS, SAMPLES, 3))
     polar = draw.uniform(-0.5, 0.5, STATIONS)
     for b in range(count):

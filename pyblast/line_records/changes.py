@@ -1,6 +1,5 @@
 """Changes of a site: control charts of residuals, steps with date, interval and kind."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -34,7 +33,7 @@ WORDS = {
     "vertical channel": "the gain of the vertical channel",
     "horizontal channel": "the gain of a horizontal channel",
     "orientation": "the orientation of the sensor",
-    "coupling": "the coupling of the sensor, or the ground below it",
+    "coupling": "the coupling of the sensor",
     "charge": "the strength of the blasts (explosive, confinement)",
     "timing": "the timing of the blasts (delays)",
     "ground": "the ground between blasts and stations (new bench, loosened rock)",
@@ -318,6 +317,8 @@ def _next(scan, residual):
         size, spread = size[station], spread[station]
     elif rows[0][1] != "ground":
         size, spread = size[0], spread[0]
+    if "coupling" in kinds:
+        kinds.append("ground")  # on the way to one station
     return Change(blast, ends, tuple(dict.fromkeys(kinds)), station, size, spread, float(evidence))
 
 
@@ -330,13 +331,3 @@ def _shape(change, shape):
     else:
         after[:, change.station] += change.step
     return added
-
-
-def charts(residual: np.ndarray, names: Sequence[str]) -> list[dict]:
-    """Return the control chart of each station: level, and vertical over horizontal, as factors."""
-    level = 0.5 * (residual[..., HORIZONTAL] + residual[..., VERTICAL])
-    ratio = residual[..., VERTICAL] - residual[..., HORIZONTAL]
-    return [
-        {"station": name, "level": 10.0 ** level[:, s], "channel_ratio": 10.0 ** ratio[:, s]}
-        for s, name in enumerate(names)
-    ]

@@ -124,8 +124,12 @@ class RecordPeaks:
     @property
     def largest(self) -> float:
         """Largest peak of a component in m/s; NaN where one is spoilt or none is there."""
-        known = [] if self.spoilt else [peak for peak in self.ppv if peak > 0.0]
-        return max(known, default=math.nan)
+        return math.nan if self.spoilt else self.at_least
+
+    @property
+    def at_least(self) -> float:
+        """Largest peak of a component in m/s, of those that are not dead; NaN without any."""
+        return max((peak for peak in self.ppv if peak > 0.0), default=math.nan)
 
     @property
     def peaks(self) -> ComponentPeaks:
@@ -353,9 +357,14 @@ class Joined:
     @property
     def distance(self) -> np.ndarray:
         """Distances (n_blasts, n_stations) in m; NaN where a place is missing."""
+        return np.linalg.norm(self.away, axis=-1)
+
+    @property
+    def away(self) -> np.ndarray:
+        """Vectors from stations to blasts, (n_blasts, n_stations, 3) m."""
         blasts = np.array([blast.position for blast in self.blasts]).reshape(-1, 1, 3)
         stations = np.array([station.position for station in self.stations]).reshape(1, -1, 3)
-        return np.linalg.norm(blasts - stations, axis=-1)
+        return blasts - stations
 
     def values(self, name: str, width: int = 0) -> np.ndarray:
         """Return an attribute of all records, (n_blasts, n_stations[, width]); NaN without one."""

@@ -5,12 +5,13 @@ from pathlib import Path
 
 import numpy as np
 
+from ..line_records.changes import WORDS
 from ..project.result import write_text
 from ..signals.comparison import load_limits
 from ..units import plain_number
 from .figures import FAULT, INK, RECORDED, SIMULATED
 from .pages import page
-from .plots import axis_of, dots, line, page_plot, panel
+from .plots import axis_of, dots, line, page_plot, panel, segments
 
 SHOWN = 40  # records of the table on the page, the latest
 NAMED = 6  # refused files whose reasons the terminal shows
@@ -39,6 +40,8 @@ def site_lines(summary: dict) -> list[str]:
     lines.append(_law_words("peak velocity", summary["law"]))
     if any(row["overpressure"] for row in rows):
         lines.append(_law_words("air overpressure", summary["air_law"]))
+    lines += [_change_words(row) for row in summary["changes"]]
+    lines += _forecast_lines(summary) + _statistical_lines(summary["statistical"])
     for station, hours in summary["clocks"].items():
         off = ", ".join(f"{count} records by {int(h):+d} h" for h, count in hours.items())
         lines.append(f"{station}: its clock is off, {off}")
@@ -79,6 +82,86 @@ def _law_words(what, law):
     return text + (f"; far off the others: {', '.join(far[:4])}" if far else "")
 
 
+def _change_words(row):
+    """Return a change as a sentence: when, where, what, by how much."""
+    kinds = " or ".join(WORDS[kind] for kind in row["kinds"])
+    where = f"at {row['station']}" if row["station"] else "at all stations"
+    first, last = row["between"]
+    says = f"; the log: {', '.join(row['log_says'])}" if row["log_says"] else ""
+    return (
+        f"since {row['blast']}, {row['time'][:10]} (after {first}, at the latest from {last}), "
+        f"{where}: {kinds} changed{_step_words(row)}{says}"
+    )
+
+
+def _step_words(row):
+    """Return the steps of a change that its records show."""
+    step, error = (np.atleast_2d(np.array(row[key], dtype=float)) for key in ("step", "error"))
+    if len(step) > 1:
+        k = int(np.argmax(np.abs(step[:, 0])))
+        step, error = step[k : k + 1], error[k : k + 1]
+    words = []
+    for name, size, spread in zip(row["features"], step[0], error[0], strict=True):
+        if size and abs(size) > 1.645 * spread:
+            ends = 10.0 ** (size - 1.645 * spread), 10.0 ** (size + 1.645 * spread)
+            words.append(
+                f"{name} {size:+.2g}" if name in ("along", "across")
+                else f"{name} {10.0**size:.2f} times ({ends[0]:.2f} to {ends[1]:.2f})"
+            )  # fmt: skip
+    return f": {', '.join(words)}" if words else ""
+
+
+def _forecast_lines(summary):
+    """Return the forecasts of planned blasts, and how the earlier ones came out."""
+    lines = []
+    for row in summary["forecasts"]:
+        low, high = row["band"]
+        text = (
+            f"forecast of {row['blast']} at {row['station']}: {1e3 * row['median']:.3g} mm/s, "
+            f"90 % between {1e3 * low:.3g} and {1e3 * high:.3g}"
+        )
+        if row.get("limit") is not None:
+            text += (
+                f"; at {row['frequency']:.3g} Hz {100 * row['share_below_limit']:.3g} % of such "
+                f"blasts stay below {1e3 * row['limit']:.3g} mm/s"
+            )
+        lines.append(text)
+    coverage = summary["coverage"]
+    if coverage["forecasts"]:
+        low, high = coverage["interval"]
+        lines.append(
+            f"of {coverage['forecasts']} forecasts by the blasts before alone, "
+            f"{100 * coverage['inside'] / coverage['forecasts']:.3g} % ({100 * low:.3g} to "
+            f"{100 * high:.3g}) of the peaks came inside the 90 % band"
+        )
+    return lines
+
+
+def _statistical_lines(limit):
+    """Return how each station keeps a statistical limit."""
+    lines = []
+    for row in [] if limit is None else limit["stations"]:
+        if not row["blasts"]:
+            lines.append(f"{row['station']}: no blast of the period counts")
+            continue
+        low, high = row["interval"]
+        ceiling = (
+            f", {row['over_ceiling']} above {1e3 * limit['ceiling']:.3g} mm/s"
+            if limit["ceiling"] is not None
+            else ""
+        )
+        lines.append(
+            f"{row['station']}: {100 * row['share']:.3g} % ({100 * low:.3g} to {100 * high:.3g}) of "
+            f"{row['blasts']} blasts of the period below {1e3 * limit['level']:.3g} mm/s, "
+            f"{100 * limit['share']:.3g} % are asked for; {row['over']} above{ceiling}; "
+            + (f"{row['may_exceed']} more may exceed it" if row["may_exceed"] >= 0 else
+               f"{-row['may_exceed']} too many exceed it")
+            + f" by its end; counted are records and {row['below_trigger']} blasts below the "
+            f"trigger, not {row['unknown']} without either"
+        )  # fmt: skip
+    return lines
+
+
 def write_site_report(path: str | Path, summary: dict) -> None:
     """Write the page of a site.
 
@@ -105,6 +188,11 @@ def _figures(summary):
         "caption": "Largest peak of each record as a share of the limit curve at its frequency; "
         "above 100 % the limit is exceeded.",
     }]  # fmt: skip
+    figures.append({
+        "title": "Control charts", "image": _charts(summary),
+        "caption": "Each record over what distance, charge and the usual level of its station let "
+        "expect: level of all channels, and vertical over horizontal. Upright lines: changes.",
+    })  # fmt: skip
     for key, label, words in (
         ("law", "peak velocity [mm/s]", "peak velocity"),
         ("air_law", "overpressure [Pa]", "air overpressure"),
@@ -154,6 +242,26 @@ def _over_time(summary):
     limit = line([axis["low"], axis["high"]], [100.0, 100.0], "limit", FAULT, dash=True)
     return page_plot("share of the limit", panel(
         axis, axis_of("peak over limit [%]", log=True), [limit, *marks], 320))  # fmt: skip
+
+
+def _charts(summary):
+    """Plot the control charts of all stations, with the dates of changes."""
+    times = years(blast["time"] for blast in summary["blasts"])
+    axis, panels = time_axis([row["time"] for row in summary["records"]]), []
+    for chart in summary["charts"]:
+        marks = [
+            dots(times, [np.nan if v is None else v for v in chart[key]], words, colour, radius=2.5,
+                 text=[blast["name"] for blast in summary["blasts"]], quiet=True)
+            for key, words, colour in (("level", "level", RECORDED),
+                                       ("channel_ratio", "vertical over horizontal", SIMULATED))
+        ]  # fmt: skip
+        for change in summary["changes"]:
+            if change["station"] in (None, chart["station"]):
+                at = years([change["time"]])
+                name = f"{change['blast']}: {' or '.join(WORDS[k] for k in change['kinds'])}"
+                marks.append(segments(at, [0.3], at, [3.0], None, FAULT, text=[name]))
+        panels.append(panel(axis, axis_of(f"{chart['station']}: factor", log=True), marks, 220))
+    return page_plot("control charts", *panels)
 
 
 def _law_plot(summary, key, label):

@@ -9,11 +9,15 @@ from typing import Any
 
 import numpy as np
 
-from ..blasts.compliance import assess_peaks
+from ..blasts.compliance import assess_peaks, limit_at
+from ..blasts.peaks import LEVEL
 from ..blasts.site_law import fit_site_law
 from ..errors import InputError, PyblastError, ReadError
+from ..line_records.changes import Change, changes, residuals
 from ..line_records.field_records import NOT_RECORDS
+from ..line_records.forecasts import BAND, StatisticalLimit, forecasts, share_interval
 from ..line_records.monitoring import (
+    FEATURES,
     Joined,
     RecordPeaks,
     joined,
@@ -44,6 +48,7 @@ def learn_site(
     *,
     limit_curve: str = "din_4150_dwelling",
     air_limit: float | None = None,
+    statistical: StatisticalLimit | None = None,
     progress: Progress | None = None,
 ) -> tuple[dict, Path]:
     """Join the records of a site to its blasts, and learn its law, compliance and changes.
@@ -60,6 +65,8 @@ def learn_site(
         Key of the limit curve, as in `pyblast.load_limits`.
     air_limit : float, Pa, optional
         Limit of air overpressure.
+    statistical : StatisticalLimit, optional
+        Limit of a share of all blasts of a period.
     progress : callable, optional
         Called with (stage, done, total).
 
@@ -107,6 +114,10 @@ def learn_site(
         ],
         "law": law_of(site, 0.5, "largest"),
         "air_law": law_of(site, 1.0 / 3.0, "overpressure"),
+        **_learned(site, limit_curve),
+        "statistical": None if statistical is None else asdict(statistical) | {
+            "stations": _judged(site, statistical)
+        },
         "unjoined": [{"file": file, "reason": reason} for file, reason in site.unjoined],
         "skipped": [{"file": file, "reason": reason} for file, reason in skipped],
         "inputs": log.table(),
@@ -275,6 +286,90 @@ def _outliers(site, law, peak, distance, charge) -> list[dict]:
             rows.append({"blast": site.blasts[b].name, "station": station.name,
                           "factor": 10.0 ** own[b]})  # fmt: skip
     return rows
+
+
+def _learned(site: Joined, curve: str) -> dict:
+    """Return control charts, changes, forecasts of blasts to come, and coverage of all before."""
+    away = site.away
+    charge = np.array([[blast.charge] for blast in site.blasts]) + 0.0 * site.distance
+    with np.errstate(divide="ignore", invalid="ignore"):
+        scaled = np.log10(np.stack([site.distance, charge], axis=-1))
+        peak, hz = np.log10(site.values("largest")), np.log10(site.values("frequency"))
+        trigger = np.log10([station.trigger for station in site.stations])
+    scaled[~np.isfinite(scaled)] = np.nan
+    features = site.values("features", len(FEATURES))
+    residual = residuals(features, scaled, np.arctan2(away[..., 1], away[..., 0]))
+    peaks = forecasts(peak, scaled, np.where(site.silent, trigger, np.nan))
+    pitch = forecasts(hz, scaled, prior=(0.0, 0.0))
+    inside = peaks.inside(peak)
+    count, total = int(np.nansum(inside)), int(np.isfinite(inside).sum())
+    last = max(b for b, _ in site.records)
+    coming = [(b, s) for b in range(last + 1, len(site.blasts)) for s in range(len(site.stations))]
+    return {
+        "charts": [
+            {"station": station.name, "level": 10.0 ** residual[:, s, :2].mean(axis=-1),
+             "channel_ratio": 10.0 ** (residual[:, s, 1] - residual[:, s, 0])}
+            for s, station in enumerate(site.stations)
+        ],
+        "changes": [_change_row(site, change) for change in changes(residual)],
+        "forecasts": [
+            _forecast_row(site, peaks, pitch, curve, b, s)
+            for b, s in coming if np.isfinite(peaks.mean[b, s])
+        ],
+        "coverage": {"band": BAND, "inside": count, "forecasts": total,
+                     "interval": share_interval(count, total) if total else None},
+    }  # fmt: skip
+
+
+def _change_row(site: Joined, change: Change) -> dict:
+    """Return a change as plain values, with what the log says about its date."""
+    blasts, (first, last) = site.blasts, change.interval
+    around = blasts[max(first - 1, 0)], blasts[min(last, len(blasts) - 1)]
+    says = [
+        f"{key}: {around[0].practice[key]} to {around[1].practice[key]}"
+        for key in around[0].practice
+        if around[0].practice[key] != around[1].practice[key]
+    ]
+    return {
+        "blast": blasts[change.blast].name, "time": blasts[change.blast].time,
+        "between": [around[0].name, around[1].name], "kinds": change.kinds,
+        "station": None if change.station is None else site.stations[change.station].name,
+        "features": FEATURES, "step": change.step, "error": change.error,
+        "evidence": change.evidence, "log_says": says,
+    }  # fmt: skip
+
+
+def _forecast_row(site, peaks, pitch, curve, b, s) -> dict:
+    """Return the forecast of a blast that is planned at a station, against the limit curve."""
+    blast = site.blasts[b]
+    peak = peaks.peak(b, s, blast.charge)
+    row = {
+        "blast": blast.name, "time": blast.time, "station": site.stations[s].name,
+        "charge": blast.charge, "distance": site.distance[b, s], "median": peak.level(0.5),
+        "band": peak.band(BAND), "level_95": peak.level(LEVEL),
+    }  # fmt: skip
+    if not np.isfinite(pitch.mean[b, s]):
+        return row
+    hz = pitch.peak(b, s)
+    limit = limit_at(load_limits()[curve], float(hz.level(0.5)))
+    return row | {
+        "frequency": hz.level(0.5), "frequency_band": hz.band(BAND), "limit": limit,
+        "share_below_limit": peak.share_below(limit),
+        "charge_below": peak.charge_below(limit) if peaks.exponent[b] > 0.1 else None,
+    }  # fmt: skip
+
+
+def _judged(site: Joined, limit: StatisticalLimit) -> list[dict]:
+    """Return how each station keeps a statistical limit so far."""
+    last = max(b for b, _ in site.records) + 1
+    days = [blast.time[:10] for blast in site.blasts[:last]]
+    peak = site.values("at_least")[:last]
+    trigger = np.array([station.trigger for station in site.stations])
+    bounds = np.where(site.silent, trigger, np.nan)[:last]
+    return [
+        {"station": station.name} | limit.judged(days, peak[:, s], bounds[:, s])
+        for s, station in enumerate(site.stations)
+    ]
 
 
 HEADS = (
