@@ -10,12 +10,10 @@ them. Scores: dates within two blasts, kinds, false alarms, coverage of the band
 """
 
 import math
-from collections.abc import Iterator
-from datetime import datetime, timedelta
 
 import numpy as np
 
-from pyblast.line_records.changes import changes, residuals
+from pyblast.line_records.changes import residuals
 from pyblast.line_records.monitoring import features_of
 
 YEARS, A_YEAR, STATIONS, RATE, SAMPLES = 12, 36, 5, 256, 384

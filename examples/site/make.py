@@ -2,8 +2,8 @@
 
     python examples/site/make.py [FOLDER]
 
-Three stations record 24 blasts of two years; the vertical channel of the school loses 60 % after
-blast 12, and one blast is 3.5 times too strong.
+Three stations record 24 blasts of two years, and the log plans one more; the vertical channel of
+the school loses 60 % after blast 12, and one blast is 3.5 times too strong.
 """
 
 import sys
@@ -63,6 +63,9 @@ def main(folder):
             text = HEADER.format(serial=f"BE{4711 + n}", time=began) + '"Tran","Vert","Long"\n'
             text += "\n".join(",".join(f"{v:.3f}" for v in row) for row in motion) + "\n"
             (folder / "records" / f"{name}_{blast:02d}.csv").write_text(text)
+    log.append(
+        f"B{COUNT + 1},{when + timedelta(days=30):%Y-%m-%d},11:00,20,-10,60,north"
+    )  # planned
     (folder / "stations.csv").write_text("\n".join(stations) + "\n")
     (folder / "blasts.csv").write_text("\n".join(log) + "\n")
 

@@ -35,6 +35,17 @@ def test_the_shipped_quarry_is_learned(quarry):
     far = {row["blast"]: row["factor"] for row in summary["law"]["outliers"]}
     assert far.keys() == {"B17"}
     assert far["B17"] == pytest.approx(3.5, rel=0.6)
+    (change,) = summary["changes"]
+    assert (change["blast"], change["station"]) == ("B13", "school")
+    assert change["kinds"][0] == "vertical channel"
+    vertical = change["features"].index("vertical")
+    step, error = change["step"][vertical], change["error"][vertical]
+    assert abs(step - np.log10(0.4)) < 2.0 * error
+    assert {row["blast"] for row in summary["forecasts"]} == {"B25"}
+    for row in summary["forecasts"]:
+        low, high = row["band"]
+        usual = 0.6 * (row["distance"] / row["charge"] ** 0.5) ** -1.5
+        assert low < usual < row["level_95"] < high * 1.001
     over = [row for row in summary["records"] if row["share"] > 1.0]
     assert f"{len(over)} of 71 records exceed DIN 4150-3" in done.output
     with (quarry / "site" / "compliance.csv").open() as file:
@@ -111,6 +122,24 @@ def test_limits_that_do_not_exist_are_refused(quarry):
         learn_site(quarry, limit_curve="none")
     with pytest.raises(InputError, match="air limit: must be positive, got -1"):
         learn_site(quarry, air_limit=-1.0)
+
+
+def test_a_limit_of_a_share_of_blasts_is_judged(quarry):
+    rule = ("--most", 3, "--ceiling", 10, "--since", "2025-01-01", "--until", "2025-12-31")
+
+    done = call("site", quarry, *rule)
+
+    assert done.exit_code == 0, done.output
+    summary = json.loads((quarry / "site" / "site.json").read_text())
+    for row in summary["statistical"]["stations"]:
+        peaks = [each["peak"] for each in summary["records"]
+                 if each["station"] == row["station"] and each["time"] >= "2025"]  # fmt: skip
+        silent = [each for each in summary["silent"] if each["station"] == row["station"]]
+        assert row["blasts"] == len(peaks) + len(silent)
+        assert row["over"] == sum(peak > 3e-3 for peak in peaks)
+        assert f"{row['station']}: {100 * row['share']:.3g} %" in done.output
+    for wrong in (("--ceiling", 3), ("--most", 3, "--since", "soon"), ("--most", 3, "--share", 2)):
+        assert call("site", quarry, *wrong).exit_code == 2
 
 
 def test_air_overpressure_has_its_law_and_limit(quarry):
