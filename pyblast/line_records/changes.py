@@ -215,7 +215,7 @@ def _square(vectors, matrices):
 
 
 def _covariances(residual, present):
-    """Return the covariance (n_features, n_features) of single records and that common to blasts."""
+    """Return the covariances (n_features, n_features) of records and of what blasts share."""
     pairs = present[1:] & present[:-1]
     change = np.where(pairs[..., None], np.diff(residual, axis=0), np.nan)
     flat = change.reshape(-1, change.shape[-1])

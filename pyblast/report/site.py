@@ -151,8 +151,8 @@ def _statistical_lines(limit):
             else ""
         )
         lines.append(
-            f"{row['station']}: {100 * row['share']:.3g} % ({100 * low:.3g} to {100 * high:.3g}) of "
-            f"{row['blasts']} blasts of the period below {1e3 * limit['level']:.3g} mm/s, "
+            f"{row['station']}: {100 * row['share']:.3g} % ({100 * low:.3g} to {100 * high:.3g}) "
+            f"of {row['blasts']} blasts of the period below {1e3 * limit['level']:.3g} mm/s, "
             f"{100 * limit['share']:.3g} % are asked for; {row['over']} above{ceiling}; "
             + (f"{row['may_exceed']} more may exceed it" if row["may_exceed"] >= 0 else
                f"{-row['may_exceed']} too many exceed it")
