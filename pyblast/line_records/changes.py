@@ -41,7 +41,7 @@ WORDS = {
 
 
 @dataclass(frozen=True)
-class Change:
+class StepChange:
     """Change of records from one blast on.
 
     Parameters
@@ -158,7 +158,7 @@ class _Scan:
         self.sums = [self._information(pattern) for _, _, pattern in self.patterns]
 
     def _information(self, pattern):
-        """Return which steps can be told, and the inverse information before, after and in all."""
+        """Return where a step is possible, and the inverse information before, after and in all."""
         on = self.present[..., None, None] * pattern
         whole = on.sum(axis=1)
         each = np.einsum("bsfi,fg,bsgj->bij", on, self.weights, on, optimize=True)
@@ -239,26 +239,26 @@ def _patterns(n_stations):
     """Return kind, station and pattern (n_stations, n_features, n_parameters) of each step."""
     rows = []
     for name, (side, groups) in KINDS.items():
-        one = np.zeros((len(FEATURES), len(groups)))
+        steps = np.zeros((len(FEATURES), len(groups)))
         for k, group in enumerate(groups):
-            one[list(group), k] = 1.0
+            steps[list(group), k] = 1.0
         if side == "practice":
-            rows.append((name, None, np.tile(one, (n_stations, 1, 1))))
+            rows.append((name, None, np.tile(steps, (n_stations, 1, 1))))
         elif side == "ground":
             width = len(groups)
             each = np.zeros((n_stations, len(FEATURES), n_stations * width))
             for s in range(n_stations):
-                each[s, :, width * s : width * (s + 1)] = one
+                each[s, :, width * s : width * (s + 1)] = steps
             rows.append((name, None, each))
         else:
             for s in range(n_stations):
-                each = np.zeros((n_stations, *one.shape))
-                each[s] = one
+                each = np.zeros((n_stations, *steps.shape))
+                each[s] = steps
                 rows.append((name, s, each))
     return rows
 
 
-def changes(residual: np.ndarray) -> list[Change]:
+def changes(residual: np.ndarray) -> list[StepChange]:
     """Find steps in the residuals of records, one after another, and their kinds.
 
     Parameters
@@ -268,7 +268,7 @@ def changes(residual: np.ndarray) -> list[Change]:
 
     Returns
     -------
-    list of Change
+    list of StepChange
         By time. None where fewer than 8 records of a station are there.
 
     Notes
@@ -280,7 +280,7 @@ def changes(residual: np.ndarray) -> list[Change]:
     if np.isfinite(residual).all(axis=-1).sum(axis=0).max(initial=0) < 2 * FEWEST:
         return []
     scan, rest = _Scan(residual), residual.copy()
-    result: list[Change] = []
+    result: list[StepChange] = []
     for _ in range(PASSES):
         while len(result) < MOST and (change := _next(scan, rest)) is not None:
             result.append(change)
@@ -319,7 +319,9 @@ def _next(scan, residual):
         size, spread = size[0], spread[0]
     if "coupling" in kinds:
         kinds.append("ground")  # on the way to one station
-    return Change(blast, ends, tuple(dict.fromkeys(kinds)), station, size, spread, float(evidence))
+    return StepChange(
+        blast, ends, tuple(dict.fromkeys(kinds)), station, size, spread, float(evidence)
+    )
 
 
 def _shape(change, shape):

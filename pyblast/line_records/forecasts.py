@@ -189,13 +189,13 @@ class StatisticalLimit:
             ``may_exceed``: how many more may, at the pace of blasts so far, until the end.
         """
         period = np.array([self.since <= day <= self.until for day in days], dtype=bool)
-        kept = period & (bounds <= self.level)
-        total = int((period & np.isfinite(peaks)).sum() + kept.sum())
+        triggerless = period & (bounds <= self.level)
+        total = int((period & np.isfinite(peaks)).sum() + triggerless.sum())
         over = int((period & (peaks > self.level)).sum())
         result = {
             "blasts": total, "unknown": int(period.sum()) - total, "over": over,
             "over_ceiling": int((period & (peaks > self.ceiling)).sum()),
-            "below_trigger": int(kept.sum()),
+            "below_trigger": int(triggerless.sum()),
         }  # fmt: skip
         if total:
             in_all = total * max(self._pace([day for day in days if day[:10] >= self.since]), 1.0)

@@ -13,7 +13,7 @@ from ..blasts.compliance import assess_peaks, limit_at
 from ..blasts.peaks import LEVEL
 from ..blasts.site_law import fit_site_law
 from ..errors import InputError, PyblastError, ReadError
-from ..line_records.changes import Change, changes, residuals
+from ..line_records.changes import StepChange, changes, residuals
 from ..line_records.field_records import NOT_RECORDS
 from ..line_records.forecasts import BAND, StatisticalLimit, forecasts, share_interval
 from ..line_records.monitoring import (
@@ -321,7 +321,7 @@ def _learned(site: Joined, curve: str) -> dict:
     }  # fmt: skip
 
 
-def _change_row(site: Joined, change: Change) -> dict:
+def _change_row(site: Joined, change: StepChange) -> dict:
     """Return a change as plain values, with what the log says about its date."""
     blasts, (first, last) = site.blasts, change.interval
     around = blasts[max(first - 1, 0)], blasts[min(last, len(blasts) - 1)]
