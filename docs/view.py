@@ -1,0 +1,112 @@
+"""Pictures and measures of the view on pages: what a browser without a graphics card shows.
+
+    python -m docs.view mine=examples/gol_e_gohar/project.toml bench=results/001 other=page.html
+
+Each case is a project file, a folder of results or a page that holds a view. Writes NAME.png (1400
+pixels wide) and NAME_telephone.png (390 points wide) to docs/figures/view, and the rows of the
+table of docs/reference/results.md: triangles, size and time to the first picture, the least of
+five, from the start of the navigation until its pixels can be read.
+"""
+
+import html
+import json
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+from PIL import Image
+
+HERE = Path(__file__).resolve().parent
+PAGE = HERE / "reference/results.md"
+CHROMIUM = shutil.which("chromium") or shutil.which("google-chrome")
+SOFTWARE = ("--headless", "--no-sandbox", "--hide-scrollbars", "--use-angle=swiftshader",
+            "--enable-unsafe-swiftshader")  # fmt: skip
+REPEATS = 5
+SHOWN = {"mine": {"field": "block"}, "fractures": {"cut": "north"}}  # what is chosen, else nothing
+COLOURS = 64  # of a picture
+TIMED = """var canvas = document.querySelector(".view canvas"), gl = canvas.getContext("webgl2");
+gl.readPixels(0, 0, 1, 1, gl.RGBA, gl.UNSIGNED_BYTE, new Uint8Array(4));
+document.title = JSON.stringify([performance.now(), document.querySelector(".view summary").textContent]);"""
+ALONE = """document.body.replaceChildren(document.querySelector(".view"));
+Object.entries(%s).forEach(function (one) {
+  var select = document.querySelector(".view ." + one[0]);
+  select.value = one[1]; select.onchange();
+});
+window.dispatchEvent(new Event("resize"));"""
+
+
+def main(cases):
+    """Draw and measure the cases."""
+    rows = []
+    with tempfile.TemporaryDirectory() as folder:
+        for name, source in (case.split("=", 1) for case in cases):
+            text = page_of(source)
+            seconds, said = measured(Path(folder), text)
+            rows.append(f"| {name} | {said} | {len(text.encode()) / 1e6:.2f} | {seconds:.1f} |")
+            print(rows[-1], flush=True)
+            for width, ending in ((1400, ""), (390, "_telephone")):
+                picture(Path(folder), text, width, SHOWN.get(name, {}), f"{name}{ending}")
+    known = PAGE.read_text(encoding="utf-8")
+    head = "| page | triangles | MB | s |\n|---|---|---|---|\n"
+    table = re.compile(re.escape(head) + r"(\|.*\n)*")
+    PAGE.write_text(table.sub(lambda _: head + "\n".join(rows) + "\n", known), encoding="utf-8")
+
+
+def page_of(source):
+    """Return the page of a project, of results or of a file."""
+    from pyblast.project.project import load_project
+    from pyblast.project.result import read_result
+    from pyblast.report.view import ModelView
+
+    if source.endswith(".html"):
+        return Path(source).read_text(encoding="utf-8")
+    shown = load_project(source) if source.endswith(".toml") else read_result(source)
+    return ModelView(shown).page()
+
+
+def measured(folder, text):
+    """Return the time in s to the first picture, and what the page says of its triangles."""
+    found = []
+    for _ in range(REPEATS):
+        page = folder / "page.html"
+        page.write_text(with_script(text, TIMED), encoding="utf-8")
+        out = browser("--window-size=1400,1000", "--dump-dom", f"file://{page}")
+        found.append(json.loads(html.unescape(re.search(r"<title>(.*?)</title>", out)[1])))
+    return min(ms for ms, _ in found) / 1e3, re.search(r"\((\d+) triangles", found[0][1])[1]
+
+
+def picture(folder, text, width, chosen, name):
+    """Write the view of a page of a width as a picture of few colours, without empty rows."""
+    page, outer, shot = folder / "page.html", folder / "outer.html", folder / "shot.png"
+    page.write_text(with_script(text, ALONE % json.dumps(chosen)), encoding="utf-8")
+    outer.write_text(
+        f'<body style="margin: 0"><iframe src="page.html" style="width: {width}px; height: 900px; '
+        'border: 0"></iframe>', encoding="utf-8",
+    )  # fmt: skip
+    browser(f"--screenshot={shot}", f"--window-size={max(width, 500)},900",
+            "--virtual-time-budget=3000", f"file://{outer}")  # fmt: skip
+    image = Image.open(shot).convert("RGB").crop((0, 0, width, 900))
+    used = Image.eval(image.convert("L"), lambda value: 255 - value).getbbox()
+    image.crop((0, 0, width, used[3] + 4)).quantize(COLOURS).save(
+        HERE / f"figures/view/{name}.png", optimize=True
+    )
+
+
+def with_script(text, script):
+    """Return a page that runs a script after its own."""
+    return text.replace("</body>", f"<script>{script}</script></body>")
+
+
+def browser(*options):
+    """Return what the browser prints."""
+    done = subprocess.run(
+        [CHROMIUM, *SOFTWARE, *options], capture_output=True, text=True, timeout=300, check=True
+    )
+    return done.stdout
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])
