@@ -9,9 +9,19 @@ from ..line_records.changes import WORDS
 from ..project.result import write_text
 from ..signals.comparison import load_limits
 from ..units import plain_number
-from .figures import FAULT, INK, RECORDED, SIMULATED
 from .pages import page
-from .plots import axis_of, dots, line, page_plot, panel, segments
+from .plots import (
+    FAULT,
+    INK,
+    RECORDED,
+    SIMULATED,
+    axis_of,
+    dots,
+    line,
+    page_plot,
+    panel,
+    segments,
+)
 
 SHOWN = 40  # records of the table on the page, the latest
 NAMED = 6  # refused files whose reasons the terminal shows
