@@ -378,7 +378,10 @@ def show_outcome(outcome: "Outcome") -> None:
         plausible = plausible_of_table(tables[name])
         range_ = "" if plausible is None else f"; plausible {plausible}"
         say(f"{name}: PPV in mm/s {listed}; vector sum {_short(1e3 * seismogram.pvs)}{range_}")
-    say(f"limits: {outcome.result.summary['compliance']['conclusion']}")
+    summary = outcome.result.summary
+    if summary["stability"]:
+        say(f"joints: {summary['stability']['sentence']}")
+    say(f"limits: {summary['compliance']['conclusion']}")
     for name, comparison in outcome.comparisons.items():
         say(f"{name}, recorded and simulated{_band_words(comparison)}:")
         show_comparison(comparison)
