@@ -1,8 +1,8 @@
 """View: surfaces, planes, holes and receivers of a model, thinned for a page.
 
 A scene is plain text and numbers: places are 16-bit integers of a common step, values of 16 bits
-between the ends of their field. The script view.js draws it on a canvas with a depth buffer of its
-own, without a graphics card and without a network.
+between the ends of their field. The script view.js draws it with three.js, which every page holds:
+without a network, and without a graphics card where the browser emulates one.
 """
 
 import base64
@@ -23,13 +23,13 @@ from ..units import plain_number
 from .maps import UPWARD, shown_surface, zone_fields
 from .pages import page
 
-MOST_TRIANGLES = 80_000  # 1.5 MB of a page
+MOST_BYTES = 1_300_000  # of a page: with 0.6 MB of three.js it grows by 2 MB at most
 STEPS = 32_000  # of the longest side of the box
 LEVELS = 65_534  # of a field; 0 is no value
 STEEP = 0.5  # largest vertical part of the normal of a wall
 WALL = 0.02  # of the area of the ground, from which its steep faces are a wall
 LEAST_SHOWN = 1e-3  # of the largest value: lower end of logarithmic colours
-MOST_FRAMES = 60
+MOST_FRAMES = 30
 
 
 class Given(NamedTuple):
@@ -277,7 +277,7 @@ def _thin(parts):
     corners = np.concatenate([part["points"] for part in parts])
     low, cell = corners.min(axis=0), 0.0
     whole = [dict(part) for part in parts]
-    while sum(len(part["triangles"]) for part in parts) > MOST_TRIANGLES:
+    while sum(map(_bytes, parts)) > MOST_BYTES:
         cell = 1.2 * cell or float(np.ptp(corners, axis=0).max()) / 400.0
         for part, given in zip(parts, whole, strict=True):
             part.update(given)
@@ -285,6 +285,19 @@ def _thin(parts):
             number = np.ravel_multi_index(at.T, at.max(axis=0) + 1)
             _renumber(part, np.unique(number, return_inverse=True)[1])
     return cell
+
+
+def _bytes(part):
+    """Return what a part takes of a page: corners, places and values of 16 bits as base64."""
+    n, triangles = len(part["points"]), len(part["triangles"])
+    corners = 3 * triangles * (2 if _wide(part) else 1)
+    values = (3 + len(part["of_point"])) * n + len(part["of_triangle"]) * triangles
+    return 8 * (corners + values) / 3
+
+
+def _wide(part):
+    """Tell whether numbers of nodes need 32 bits."""
+    return len(part["points"]) > 65_535
 
 
 def _renumber(part, label):
@@ -358,8 +371,8 @@ def _packed(part, fields, low, step):
             shown[f"largest_{key}"] = float(np.nanmax(values))
     return shown | {
         "points": _text(np.round((part["points"] - low) / step), "<u2"),
-        "triangles": _text(part["triangles"], "<u4" if len(part["points"]) > 65_535 else "<u2"),
-        "wide": len(part["points"]) > 65_535,
+        "triangles": _text(part["triangles"], "<u4" if _wide(part) else "<u2"),
+        "wide": _wide(part),
         **{kind: {name: levels(name, values) for name, values in part[kind].items()}
            for kind in ("of_point", "of_triangle")},
     }  # fmt: skip

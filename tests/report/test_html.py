@@ -54,8 +54,8 @@ def test_the_page_needs_no_network(page):
     parser.feed(page)
 
     assert all(link.startswith(("data:image/png;base64,", "#")) for link in parser.links)
-    # data of seismograms, view, energy, limit curves and slip, and two that draw them, all inside
-    assert parser.tags.count("script") == 7
+    # data of seismograms, view, energy, limit curves and slip, and three that draw them, all inside
+    assert parser.tags.count("script") == 8
     assert "fetch(" not in page
     assert "http" not in re.sub(r"<script.*?</script>", "", page, flags=re.DOTALL)
     assert "link" not in parser.tags
