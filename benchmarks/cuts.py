@@ -5,9 +5,10 @@ import time
 import numpy as np
 
 from pyblast.diagnosis import library  # noqa: F401  fills the library
-from pyblast.diagnosis.calibration import calibrated_parameters, with_values
 from pyblast.diagnosis.hypotheses import LIBRARY
+from pyblast.inference.parameter import set_all
 from pyblast.inference.records import band_functions
+from pyblast.project.uncertain_ground import factors_of
 from pyblast.runs.parallel import cached_run
 from pyblast.simulation.recipe import FINER_ERROR, OF_FITS
 
@@ -38,11 +39,11 @@ def measure(effort):
 
 def changed(site, rng):
     """Return a site as it is believed, with all its values off by their sigmas, one closing."""
-    unknowns = calibrated_parameters(site)
+    unknowns = factors_of(site)
     signs = rng.choice([-1.0, 1.0], len(unknowns)) * [one.sigma for one in unknowns]
     closure = LIBRARY["joint_nonlinear_closure"]
     closing = closure.apply(site, site.joints[0].surface, closed=CLOSED)
-    return site, with_values(site, unknowns, signs), closing
+    return site, set_all(site, unknowns, np.exp(signs)), closing
 
 
 def heard(sites, accuracy):

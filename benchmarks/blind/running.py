@@ -10,7 +10,7 @@ import numpy as np
 from pyblast.diagnosis.case import case_of
 from pyblast.diagnosis.effects import (
     PredictionScene,
-    diagnosed,
+    changed_site,
     effects_of,
     predict,
     with_motion_effects,
@@ -71,7 +71,8 @@ def predictions(case, asked, values, effects, folder) -> dict:
     blast, place = asked
     further = predict(case, blast, values, effects, folder)
     there = case.project.changed(receivers=(Receiver(HIDDEN, place),))
-    project = diagnosed(there, values, effects)
+    project = changed_site(there, values, effects)
+    assert project is not None  # or the further blast was refused
     hidden_case = replace(case, project=there, receivers=(HIDDEN,))
     simulation = simulation_of(hidden_case, folder, finer=True)
     changed = [_fired(project, name, effects) for name in case.blasts]

@@ -13,20 +13,14 @@ from ..errors import InputError, PyblastError, SolverError
 from ..inference.covariance import record_blocks
 from ..inference.error_model import NORMAL_95, ErrorModel, Levels, Posterior
 from ..inference.nuisances import Linearised, nuisances_of
-from ..inference.parameter import SPEED, STIFFNESS
+from ..inference.parameter import DENSITY, GEOMETRY, SPEED, STIFFNESS, Parameter, set_all
 from ..inference.records import Records, band_functions
 from ..project.places import firings_of, on_ground
 from ..project.project import Project
+from ..project.uncertain_ground import held_beside, sought_in
 from ..simulation.recipe import BETTER
 from ..simulation.simulation import Simulation
 from ..solver.preparation import LEDGER_EVERY, prepare
-from .parameters import (
-    DENSITY,
-    GEOMETRY,
-    Property,
-    held_properties,
-    sought_properties,
-)
 from .waveforms import remaining
 
 ALL_LEVELS = Levels(
@@ -69,18 +63,6 @@ class _Trial(NamedTuple):
     probes: bool = False
 
 
-def at_coordinates(blast: Project, properties: Sequence[Property], x) -> Project:
-    """Return a blast at coordinates (n,) of its properties."""
-    pairs = list(zip(properties, x, strict=True))
-    for each, value in pairs:  # `vary` starts from the file, so what is held comes after
-        if each.parameter is not None:
-            blast = each.change(blast, float(value))
-    for each, value in pairs:
-        if each.parameter is None and each.kind != DENSITY and value:
-            blast = each.change(blast, float(value))
-    return blast
-
-
 def on_mesh_of_band(blasts: Sequence[Project], highest: float) -> tuple[Project, ...]:
     """Return blasts on one mesh for motion up to a frequency in Hz."""
     spans, meshed = {}, []
@@ -109,7 +91,7 @@ class Fit:
     ----------
     blasts : tuple of Project
         On the mesh of the fit.
-    properties : tuple of n Property
+    properties : tuple of n Parameter
         Those looked for, then those held.
     x : (n,) float64
         Coordinates of the last run.
@@ -131,7 +113,7 @@ class Fit:
     """
 
     blasts: tuple[Project, ...]
-    properties: tuple[Property, ...]
+    properties: tuple[Parameter, ...]
     x: np.ndarray
     posterior: Posterior
     converged: bool
@@ -151,7 +133,7 @@ class Fit:
     @property
     def sought(self) -> tuple[int, ...]:
         """Numbers of the properties that are looked for."""
-        return tuple(n for n, each in enumerate(self.properties) if each.parameter is not None)
+        return tuple(n for n, each in enumerate(self.properties) if each.uniform)
 
     @property
     def lacking(self) -> bool:
@@ -160,7 +142,8 @@ class Fit:
 
     def coordinates(self) -> np.ndarray:
         """Return the posterior means of the properties, (n,); of those looked for in range."""
-        values = self.posterior.mean[: len(self.properties)] + [p.mean for p in self.properties]
+        values = self.posterior.mean[: len(self.properties)]
+        values = values + [each.prior[0] for each in self.properties]
         low, high = _bounds(self.properties)
         return np.clip(values, low, high)
 
@@ -172,9 +155,7 @@ class Fit:
     def values(self) -> dict[str, float]:
         """Return the best values of the parameters, in the units of their keys."""
         at = self.coordinates()
-        return {
-            self.properties[n].name: float(self.properties[n].value(at[n])) for n in self.sought
-        }
+        return {self.properties[n].name: float(self.properties[n].at(at[n])) for n in self.sought}
 
     def intervals(self) -> dict[str, tuple[float, float]]:
         """Return the 90 % intervals of the parameters, within their ranges."""
@@ -182,15 +163,13 @@ class Fit:
         rows = {}
         for n in self.sought:
             each = self.properties[n]
-            assert each.parameter is not None  # sought
-            ends = (float(each.value(at[n] + side * half[n])) for side in (-1.0, 1.0))
-            low, high = each.parameter.low, each.parameter.high
-            rows[each.name] = tuple(min(max(end, low), high) for end in ends)
+            ends = (float(each.at(at[n] + side * half[n])) for side in (-1.0, 1.0))
+            rows[each.name] = tuple(min(max(end, each.low), each.high) for end in ends)
         return rows
 
     def ratios(self) -> dict[str, float]:
         """Return the ratio of posterior to prior standard deviation of the parameters."""
-        ratio = self.deviations() / [each.sigma for each in self.properties]
+        ratio = self.deviations() / [each.prior[1] for each in self.properties]
         return {self.properties[n].name: min(1.0, float(ratio[n])) for n in self.sought}
 
     def trade_offs(self, least: float = 0.5) -> list[tuple[str, str, float]]:
@@ -232,9 +211,9 @@ def _of_programs(each):
 def _bounds(properties):
     """Return the bounds of coordinates, (n,) each."""
     rows = [
-        (-np.inf, np.inf)
-        if each.parameter is None
-        else (each.coordinate(each.parameter.low), each.coordinate(each.parameter.high))
+        (each.coordinate(each.low), each.coordinate(each.high))
+        if each.uniform
+        else (-np.inf, np.inf)
         for each in properties
     ]
     low, high = np.array(rows, dtype=float).T
@@ -248,7 +227,8 @@ class Fitter:
     ----------
     blasts : tuple of Project
         On the mesh of `on_mesh_of_band`.
-    waves : Waveforms
+    records : Records
+        What the fit compares.
     parameters : sequence of Parameter
     limit : int
         Evaluations at most; each is one run of every blast.
@@ -275,11 +255,10 @@ class Fitter:
         self.report, self.written = report or (lambda _: None), written or (lambda _: None)
         self.progress = progress or (lambda *_: None)
         first = blasts[0]
-        everything = (*sought_properties(first, parameters), *held_properties(first, parameters))
+        everything = (*sought_in(first, parameters), *held_beside(first, parameters))
         self.properties, self.priors = everything, first.config.priors
         self.left_out: dict[str, str] = {}
-        self.sigma = np.array([each.sigma for each in everything])
-        self.mean = np.array([each.mean for each in everything])
+        self.mean, self.sigma = np.array([each.prior for each in everything]).T
         self.moves = np.array([each.moves for each in everything])
         self.low, self.high = _bounds(everything)
         self.longest = np.array([LONGEST.get(each.kind, LONGEST_OTHER) for each in everything])
@@ -385,7 +364,8 @@ class Fitter:
 
     def _state(self, trial, blast):
         """Return a blast at the coordinates of a trial."""
-        return at_coordinates(blast, self.properties, trial.at).suited(trial.better)
+        values = [each.at(x) for each, x in zip(self.properties, trial.at, strict=True)]
+        return set_all(blast, self.properties, values).suited(trial.better)
 
     def _model(self, state, probed):
         """Return the model of a blast, with probes beside its receivers if wanted."""
@@ -517,7 +497,7 @@ class Fitter:
         n = len(self.properties)
         wanted = np.clip(self.mean + result.mean[:n], self.low, self.high)
         move = np.where(self.moves, wanted - state.x, 0.0)
-        sought = [k for k, each in enumerate(self.properties) if each.parameter is not None]
+        sought = [k for k, each in enumerate(self.properties) if each.uniform]
         deviation = np.hypot(result.deviation[:n], [_of_programs(p) for p in self.properties])
         size = float(np.max(np.abs(move[sought]) / deviation[sought]))
         return move / max(1.0, float(np.max(np.abs(move) / self.longest))), size

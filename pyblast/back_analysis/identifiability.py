@@ -11,10 +11,10 @@ from ..inference.covariance import RecordBlocks, noise_blocks
 from ..inference.error_model import NORMAL_95, Change, ErrorModel, Levels
 from ..inference.likelihood import signed_residuals
 from ..inference.nuisances import SCATTER, design_nuisances, scattering
+from ..inference.parameter import set_all
 from ..inference.records import Band, Noise
 from ..solver.slip import STRENGTH
 from ..units import split_key
-from .parameters import with_values
 
 UNIFORM = 1.0 / np.sqrt(12.0)  # standard deviation of a uniform prior, as a share of its range
 LEAST_SENSITIVITY = 0.1  # change of the data by a prior deviation, in units of their error
@@ -177,7 +177,7 @@ def weakest(project, parameters, values):
         parameter.low if is_strength(parameter) else value
         for parameter, value in zip(parameters, values, strict=True)
     ]
-    return with_values(project, parameters, lowest).joints
+    return set_all(project, parameters, lowest).joints
 
 
 def reason_without_slip(parameter, projects, strengths) -> str:

@@ -1,23 +1,18 @@
-"""Parameters of a back-analysis: keys of a project file with ranges, and what is held beside."""
+"""Blasts, records and parameters that the table [back_analysis] of a project names."""
 
-import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
 
 import numpy as np
 
 from ..config.config import BackAnalysisConfig, required_table
-from ..config.section import check_path, value_at
+from ..config.section import check_path
 from ..errors import Finding, InputError, named_error
-from ..ground.tables import joint_of_surface
-from ..inference.parameter import OTHER, SPEED, STIFFNESS, Parameter, kind_of_key
-from ..model.material import Material
+from ..inference.parameter import Parameter, set_all
 from ..project.checks import carried_band
 from ..project.places import NEAR, resolved_receivers
-from ..project.project import CHEAP, Project, load_project, vary
+from ..project.project import CHEAP, Project, load_project
 from ..signals.seismogram import Seismogram
 from ..solver.assembly import time_step
-from ..solver.run import run_many
 from ..units import split_key
 
 # Larger values of these keys never allow a longer time step, and no other cheap key affects it.
@@ -219,13 +214,7 @@ def check_parameters(project: Project, parameters: Sequence[Parameter]):
             )
         for end in ("low", "high"):
             with named_error(f"{project.path.name}: back_analysis.parameters[{number}].{end}"):
-                vary(project, {parameter.name: getattr(parameter, end)})
-
-
-def with_values(project: Project, parameters: Sequence[Parameter], values) -> Project:
-    """Return a project with the values (n,) of its parameters."""
-    pairs = zip(parameters, np.asarray(values, dtype=np.float64).tolist(), strict=True)
-    return vary(project, {parameter.name: value for parameter, value in pairs})
+                parameter.set(project, getattr(parameter, end))
 
 
 def common_time_step(project: Project, parameters):
@@ -240,248 +229,6 @@ def common_time_step(project: Project, parameters):
         return None
     project.model  # noqa: B018  variants stand on the mesh of a model that is there
     ends = np.array([[parameter.low, parameter.high] for parameter in parameters])
-    shortest = time_step(with_values(project, parameters, ends[:, 1]).model)
-    longest = time_step(with_values(project, parameters, ends[:, 0]).model)
+    shortest = time_step(set_all(project, parameters, ends[:, 1]).model)
+    longest = time_step(set_all(project, parameters, ends[:, 0]).model)
     return shortest if shortest[0] > LEAST_STEP * longest[0] else None
-
-
-def simulate(project: Project, parameters, points, step=None) -> list[dict[str, Seismogram]]:
-    """Simulate a project at points (m, n); return seismograms by receiver, 0 s the first firing.
-
-    Raises
-    ------
-    SolverError
-        If a model can't be run.
-    """
-    varied = [with_values(project, parameters, point) for point in points]
-    if step is not None:
-        runs = run_many([variant.model for variant in varied], project.duration, step=step)
-    else:
-        runs = [run_many([variant.model], variant.duration)[0] for variant in varied]
-    pairs = zip(varied, runs, strict=True)
-    return [variant.simulated(run.seismograms) for variant, run in pairs]
-
-
-DENSITY, GEOMETRY = "density", "geometry"
-STEPS = {SPEED: 0.02, STIFFNESS: 0.3, OTHER: 0.1}  # of coordinates, for derivatives
-OF_SPEEDS = {"cp", "cs", "youngs", "bulk", "shear", "poisson"}  # keys of a material
-
-
-@dataclass(frozen=True)
-class Property:
-    """Property of the ground that is looked for, or that is held and not known exactly.
-
-    Its coordinate is zero at the value of the project file.
-
-    Parameters
-    ----------
-    name : str
-        Path of a parameter; else such as ``rock.cp`` or ``F1.dip``.
-    kind : str
-        ``speed``, ``stiffness`` and ``other`` change in runs, ``density`` and ``geometry`` don't.
-    sigma : float
-        Prior standard deviation of the coordinate.
-    step : float
-        Of the difference that gives its derivative.
-    change : callable
-        ``(project, coordinate) -> project``.
-    mean : float
-        Of the prior.
-    parameter : Parameter, optional
-        Where it is looked for.
-    start : float
-        Value of the parameter at coordinate zero, in the unit of its key.
-    """
-
-    name: str
-    kind: str
-    sigma: float
-    step: float
-    change: Callable[[Project, float], Project]
-    mean: float = 0.0
-    parameter: Parameter | None = None
-    start: float = 0.0
-
-    @property
-    def relative(self) -> bool:
-        """Whether the coordinate is the logarithm of a factor."""
-        return self.parameter is None or self.parameter.low > 0.0
-
-    @property
-    def moves(self) -> bool:
-        """Whether a search runs other values of it."""
-        return self.kind not in (DENSITY, GEOMETRY)
-
-    def value(self, coordinate):
-        """Return the value of a parameter at a coordinate, in the unit of its key."""
-        if self.relative:
-            return self.start * np.exp(coordinate)
-        assert self.parameter is not None  # else relative
-        return self.start + coordinate * (self.parameter.high - self.parameter.low)
-
-    def coordinate(self, value):
-        """Return the coordinate of a value of a parameter; the inverse of `value`."""
-        if self.relative:
-            return np.log(value / self.start)
-        assert self.parameter is not None  # else relative
-        return (value - self.start) / (self.parameter.high - self.parameter.low)
-
-
-def sought_properties(project: Project, parameters: Sequence[Parameter]) -> tuple[Property, ...]:
-    """Return the parameters as properties, with the priors of their ranges.
-
-    They start at the value of the project file, or in the middle of a range without it.
-    """
-    return tuple(_sought(project, parameter) for parameter in parameters)
-
-
-def _sought(project, parameter):
-    """Return a parameter as a property: its prior has the mean and deviation of its range."""
-    low, high = parameter.low, parameter.high
-    middle = math.sqrt(low * high) if low > 0.0 else 0.5 * (low + high)
-    given = value_at(project.config, parameter.name)
-    start = float(given) if given is not None and low <= given <= high else middle
-    kind = kind_of_key(parameter.name)
-    plain = Property(
-        parameter.name, kind, 1.0, STEPS[kind], _set(parameter.name), 0.0, parameter, start
-    )
-    ends = plain.coordinate(low), plain.coordinate(high)
-    width = (ends[1] - ends[0]) / math.sqrt(12.0)
-    mean = float(0.5 * (ends[0] + ends[1]))
-    other = replace(plain, sigma=width, mean=mean, step=min(plain.step, width))
-    return replace(other, change=lambda project, x: plain.change(project, float(plain.value(x))))
-
-
-def _set(path):
-    """Return the change of a project that gives a key a value."""
-    return lambda project, value: vary(project, {path: value})
-
-
-def held_properties(project: Project, parameters: Sequence[Parameter]) -> tuple[Property, ...]:
-    """Return what a project takes as known beside its parameters, with its table [priors].
-
-    Speeds of each material of a layer and stiffness of each joint, one factor on all densities,
-    thickness of each layer, dip, direction and place of the family of planes.
-    """
-    paths, priors = [parameter.name for parameter in parameters], project.config.priors
-    mesh, held = project.config.mesh, []
-    for name in dict.fromkeys(layer.material for layer in mesh.layers):
-        keys = {
-            split_key(path.rpartition(".")[-1])[0]
-            for path in paths
-            if path.startswith(f"materials.{name}.")
-        }
-        if keys & (OF_SPEEDS - {"cp", "cs"}):  # then speeds follow from what is looked for
-            continue
-        held += [
-            Property(f"{name}.{key}", SPEED, priors.speed_percent / 100.0, STEPS[SPEED],
-                     _speed(name, key)) for key in ("cp", "cs") if key not in keys
-        ]  # fmt: skip
-    entries = joint_of_surface(mesh)
-    known = [(entries.get(joint.surface), set(joint.properties)) for joint in project.joints]
-    for entry in dict.fromkeys(entry for entry, _ in known if entry is not None):
-        for key in ("kn", "ks"):
-            has = any(name == entry and key in keys for name, keys in known)
-            if has and not any(path.startswith(f"joints.{entry}.{key}_") for path in paths):
-                held.append(Property(
-                    f"{entry}.{key}", STIFFNESS, priors.stiffness_percent / 100.0,
-                    STEPS[STIFFNESS], _stiffness(entry, key),
-                ))  # fmt: skip
-    if not any("density" in path for path in paths):
-        sigma = priors.density_percent / 100.0
-        held.append(Property("density", DENSITY, sigma, 0.0, lambda project, _: project))
-    if mesh.file is None and not any(path.startswith("mesh.") for path in paths):
-        held += _held_geometry(mesh, priors)
-    return tuple(each for each in held if each.sigma > 0.0)
-
-
-def _held_geometry(mesh, priors):
-    """Yield layers and planes of a mesh as properties."""
-    for number, layer in enumerate(mesh.layers):
-        if layer.thickness_m is not None:
-            yield Property(
-                f"{layer.material}.thickness",
-                GEOMETRY,
-                priors.thickness_m,
-                min(0.5, 0.1 * layer.thickness_m),
-                _thicker(number),
-            )
-    if mesh.faults:
-        turn = 2.0 if max(fault.dip_deg for fault in mesh.faults) <= 88.0 else -2.0
-        yield Property("dip", GEOMETRY, priors.dip_deg, turn, _turned("dip_deg"))
-        yield Property("dip direction", GEOMETRY, priors.dip_direction_deg, 3.0,
-                       _turned("dip_direction_deg"))  # fmt: skip
-    for number, fault in enumerate(mesh.faults):
-        yield Property(f"{fault.name}.place", GEOMETRY, priors.plane_m, 1.0, _moved(number))
-
-
-def _speed(name, key):
-    """Return the change of a project by the logarithm of a factor on a wave speed."""
-
-    def change(project: Project, x: float) -> Project:
-        rock = project.materials[name]
-        speeds = {"cp": rock.cp, "cs": rock.cs}
-        speeds[key] *= math.exp(x)
-        moduli = Material.from_speeds(rock.density, speeds["cp"], speeds["cs"])
-        other = replace(rock, bulk=moduli.bulk, shear=moduli.shear)
-        return project.changed(materials={**project.materials, name: other})
-
-    return change
-
-
-def _stiffness(entry, key):
-    """Return the change of a project by the logarithm of a factor on a joint stiffness."""
-
-    def change(project: Project, x: float) -> Project:
-        entries = joint_of_surface(project.config.mesh)
-        joints = [
-            replace(joint, properties={**joint.properties,
-                                       key: joint.properties[key] * math.exp(x)})
-            if entries.get(joint.surface) == entry and key in joint.properties
-            else joint
-            for joint in project.joints
-        ]  # fmt: skip
-        return project.changed(joints=joints)
-
-    return change
-
-
-def _thicker(number):
-    """Return the change of a project by metres of thickness of a layer."""
-
-    def change(project: Project, x: float) -> Project:
-        layers = list(project.config.mesh.layers)
-        thickness = layers[number].thickness_m + x
-        layers[number] = layers[number].model_copy(update={"thickness_m": thickness})
-        return project.changed(mesh=project.config.mesh.model_copy(update={"layers": layers}))
-
-    return change
-
-
-def _turned(key):
-    """Return the change of a project by degrees of the dip or direction of all planes."""
-
-    def change(project: Project, x: float) -> Project:
-        faults = [
-            fault.model_copy(update={key: (getattr(fault, key) + x) % 360.0})
-            for fault in project.config.mesh.faults
-        ]
-        return project.changed(mesh=project.config.mesh.model_copy(update={"faults": faults}))
-
-    return change
-
-
-def _moved(number):
-    """Return the change of a project by metres of a plane along its normal."""
-
-    def change(project: Project, x: float) -> Project:
-        faults = list(project.config.mesh.faults)
-        fault = faults[number]
-        dip, direction = (math.radians(a) for a in (fault.dip_deg, fault.dip_direction_deg))
-        sides = math.sin(direction), math.cos(direction)
-        normal = np.array([*(math.sin(dip) * side for side in sides), math.cos(dip)])
-        through = (np.array(fault.through_m) + x * normal).tolist()
-        faults[number] = fault.model_copy(update={"through_m": through})
-        return project.changed(mesh=project.config.mesh.model_copy(update={"faults": faults}))
-
-    return change

@@ -14,7 +14,7 @@ from ..inference.global_search import (
     random_search,
 )
 from ..inference.likelihood import MISFITS, SIGNED
-from ..inference.parameter import Parameter, SearchMethod, Trace
+from ..inference.parameter import Parameter, SearchMethod, Trace, set_all
 from ..project.project import Project
 from ..signals.comparison import Comparison, compare
 from ..signals.seismogram import Seismogram
@@ -31,7 +31,6 @@ from .parameters import (
     left_out,
     parameters_of,
     table_of,
-    with_values,
 )
 from .survey_design import SurveyDesign, constraint_of, ranges_of, survey_design_at
 from .trials import Target, misfit_of
@@ -133,7 +132,7 @@ class BackAnalysis:
     @property
     def project(self) -> Project:
         """The project with the best values."""
-        return with_values(self.target.projects[0], self.target.parameters, self.best_point)
+        return set_all(self.target.projects[0], self.target.parameters, self.best_point)
 
     def within(self, number: int) -> tuple[float, float] | None:
         """Return the 90 % interval of a parameter; None where there is none."""
@@ -243,7 +242,7 @@ def confirm(result: BackAnalysis, projects: Sequence[Project], progress=None) ->
     """
     target, confirmed = result.target, {}
     for project in projects:
-        varied = with_values(project, target.parameters, result.best_point)
+        varied = set_all(project, target.parameters, result.best_point)
         weak = weakest(project, target.parameters, result.best_point)
         run, strength = run_with_slip(
             varied.model, varied.duration, varied.shot.highest_frequency, weak, progress

@@ -10,11 +10,12 @@ from ..core import BATCH_SIZE
 from ..errors import InputError
 from ..inference.gauss_newton import DIFFERENCE
 from ..inference.nuisances import DESIGN_LEVELS
-from ..inference.parameter import Parameter, Problem, problem_of
+from ..inference.parameter import Parameter, Problem, problem_of, set_all
 from ..inference.records import LEAST_NOISE, band_functions, white_noise
 from ..project.checks import carried_band
 from ..project.places import on_ground
 from ..project.project import Project
+from ..simulation.simulation import in_batches
 from ..solver.injection import near_receivers
 from ..solver.slip import Slip, run_with_slip
 from ..sources.inside import NEARLY
@@ -35,9 +36,7 @@ from .parameters import (
     check_parameters,
     common_time_step,
     parameters_of,
-    simulate,
     survey_records,
-    with_values,
 )
 from .waveforms import (
     Window,
@@ -371,7 +370,7 @@ def survey_design_at(
     used = used[..., None]
     motion, changes = _changes(everything, parameters, unit, receivers, window, report)
     values = ranges_of(parameters).points(unit)
-    varied = [with_values(project, parameters, values) for project in everything]
+    varied = [set_all(project, parameters, values) for project in everything]
     errors, missing = mesh_errors_of(
         varied, motion, names, window,
         lambda other: with_receivers(other, receivers),
@@ -469,7 +468,8 @@ def _changes(projects, parameters, unit, receivers, window, report):
         motions = []
         for first in range(0, len(points), size):
             report("plan", number * len(points) + first, total)
-            motions += simulate(surveyed, parameters, points[first : first + size], step)
+            batch = points[first : first + size]
+            motions += in_batches([set_all(surveyed, parameters, each) for each in batch], step)
         results.append(sampled_motion(motions, [receiver.name for receiver in receivers], window))
     motion = np.stack(results, axis=1)
     report("plan", total, total)
@@ -507,7 +507,7 @@ def _slip(blasts, parameters, values, report):
         return {}
     slips = {}
     for project in blasts:
-        varied = with_values(project, parameters, values)
+        varied = set_all(project, parameters, values)
         weak = weakest(project, parameters, values)
         run, strength = run_with_slip(
             varied.model, varied.duration, varied.shot.highest_frequency, weak, report

@@ -16,14 +16,15 @@ import numpy as np
 from ..core import BATCH_SIZE
 from ..errors import InputError, ReadError, SolverError
 from ..inference.likelihood import SIGNED, misfit_to
-from ..inference.parameter import Parameter, Problem, problem_of
+from ..inference.parameter import Parameter, Problem, problem_of, set_all
 from ..inference.records import Records
 from ..project.project import Project
 from ..project.result import plain
 from ..runs.parallel import input_hash
 from ..signals.seismogram import Seismogram
 from ..signals.spectra import dominant_frequency
-from .parameters import chosen_records, simulate
+from ..simulation.simulation import in_batches
+from .parameters import chosen_records
 from .waveforms import remaining, sampled_motion
 
 
@@ -80,7 +81,7 @@ def evaluate(target: Target, points) -> list[dict]:
     began = time.perf_counter()
     try:
         simulated = [
-            simulate(project, target.parameters, points, step)
+            in_batches([set_all(project, target.parameters, each) for each in points], step)
             for project, step in zip(target.projects, target.steps, strict=True)
         ]
     except SolverError as error:

@@ -230,7 +230,7 @@ def keys(section: type[BaseModel], path: str = "") -> dict[str, Range]:
 def range_of_property(key: str) -> Range:
     """Return the range of a property of a joint law by its key, from its unit."""
     stem, unit = split_key(key)
-    smallest, largest = RANGES.get(unit, RANGES[""])
+    _, largest = RANGES.get(unit, RANGES[""])
     usual = None
     if stem in STIFFNESSES:
         usual = Usual(*(end / FACTORS[unit] for end in STIFFNESSES[stem]))

@@ -1,6 +1,6 @@
 """Calibration of uncertain wave speeds and joint stiffnesses, with a correction of mesh error."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -9,10 +9,9 @@ from scipy import fft, linalg, ndimage
 from ..errors import InputError
 from ..inference.gauss_newton import LeastSquares, gauss_newton
 from ..inference.likelihood import ENERGY_SHARE, EnergyShares, Likelihood, StudentT
-from ..inference.parameter import Parameter
-from ..model.anisotropy import Anisotropic
-from ..model.material import Material
+from ..inference.parameter import Parameter, set_all
 from ..project.project import Project
+from ..project.uncertain_ground import factors_of
 from ..simulation.simulation import Simulation
 from .case import Case, case_of
 from .thresholds import WRONG_UNIT
@@ -60,109 +59,6 @@ def attenuated(correction, before, after, dt: float, band) -> np.ndarray:
 def _smooth(spectrum, width):
     """Return a spectrum (n_receivers, n) averaged over a number of frequencies."""
     return ndimage.gaussian_filter1d(spectrum, width, axis=-1)
-
-
-def calibrated_parameters(project: Project) -> tuple[Parameter, ...]:
-    """List the parameters that are calibrated in a project, factors as ``rock.cp`` and ``J1.kn``.
-
-    Wave speeds of each material, one factor for all of an anisotropic one; stiffnesses of each
-    fault, and of all joint sets that share an entry. Their priors are those of the table [priors];
-    what it takes as known is not calibrated.
-    """
-    priors = project.config.priors
-    speeds = [
-        _factor(name, speed, 0.01 * priors.speed_percent)
-        for name in project.ground_materials
-        if priors.speed_percent
-        for speed in (("cs",) if _is_anisotropic(project.materials[name]) else ("cp", "cs"))
-    ]
-    known = {joint.surface: joint.properties for joint in project.joints}
-    stiffnesses = [
-        _factor(part, key, 0.01 * priors.stiffness_percent)
-        for part, surfaces in _joint_parts(project).items()
-        for key in ("kn", "ks")
-        if key in known[surfaces[0]] and priors.stiffness_percent
-    ]
-    return (*speeds, *stiffnesses)
-
-
-def _is_anisotropic(material):
-    """Tell whether a material is anisotropic."""
-    return isinstance(material.law, Anisotropic)
-
-
-def _joint_parts(project):
-    """Return the joint surfaces that are calibrated together, by the name of the part."""
-    sets = {each.name: each.joint or each.name for each in project.config.mesh.joint_sets}
-    single = {joint.surface for joint in project.joints} - sets.keys()
-    parts = {}
-    for joint in project.joints:
-        part = sets.get(joint.surface, joint.surface)
-        own = joint.surface in sets and part in single
-        parts.setdefault(joint.surface if own else part, []).append(joint.surface)
-    return parts
-
-
-def _factor(part, name, sigma):
-    """Return the factor on a value of a material or joint, its prior log-normal around 1."""
-    return Parameter(f"{part}.{name}", log=True, mean=1.0, sigma=sigma)
-
-
-def with_values(project: Project, parameters: Sequence[Parameter], values) -> Project:
-    """Return a project with factors exp(values) on values of its ground.
-
-    Parameters
-    ----------
-    project : Project
-    parameters : sequence of n Parameter
-    values : (n,) float
-
-    Raises
-    ------
-    InputError
-        If the project has no such material or joint.
-    """
-    factors = {
-        tuple(parameter.name.rsplit(".", 1)): float(np.exp(value))
-        for parameter, value in zip(parameters, values, strict=True)
-    }
-    joints = _joint_parts(project)
-    for part, _ in factors:
-        if part not in project.materials and part not in joints:
-            raise InputError(f"parameters: no material or joint named {part!r}")
-    part_of = {surface: part for part, surfaces in joints.items() for surface in surfaces}
-    return project.changed(
-        materials={name: _faster(rock, factors, name) for name, rock in project.materials.items()},
-        joints=[_stiffer(joint, factors, part_of[joint.surface]) for joint in project.joints],
-    )
-
-
-def _faster(material, factors, name):
-    """Return a material with factors on its wave speeds."""
-    cp, cs = (factors.get((name, speed), 1.0) for speed in ("cp", "cs"))
-    if cp == cs == 1.0:
-        return material
-    if _is_anisotropic(material):
-        return scaled(material, cs)
-    moduli = Material.from_speeds(material.density, material.cp * cp, material.cs * cs)
-    return replace(material, bulk=moduli.bulk, shear=moduli.shear)
-
-
-def scaled(material: Material, factor: float) -> Material:
-    """Return a material of any law with one factor on all of its wave speeds."""
-    law = material.law
-    if isinstance(law, Anisotropic):
-        law = Anisotropic(factor**2 * law.stiffness)
-    bulk, shear = factor**2 * material.bulk, factor**2 * material.shear
-    return replace(material, bulk=bulk, shear=shear, law=law)
-
-
-def _stiffer(joint, factors, part):
-    """Return a joint with factors on its properties."""
-    changed = {
-        key: value * factors.get((part, key), 1.0) for key, value in joint.properties.items()
-    }
-    return replace(joint, properties=changed)
 
 
 @dataclass(frozen=True, eq=False)
@@ -227,7 +123,7 @@ def calibrate(
     finer : Simulation, optional
         That on a finer mesh; it runs the reference alone.
     parameters : tuple of Parameter, optional
-        What is fitted; by default `calibrated_parameters`.
+        Factors that are fitted; by default `factors_of` the project.
 
     Returns
     -------
@@ -245,11 +141,11 @@ def calibrate(
     Damped Gauss-Newton with Broyden updates on the misfit of the likelihood and the priors.
     Derivatives are differences at the reference, where the mesh correction is computed, too.
     """
-    parameters = calibrated_parameters(case.project) if parameters is None else parameters
+    parameters = factors_of(case.project) if parameters is None else parameters
     sigma = np.array([parameter.sigma for parameter in parameters])
 
     def project(x):
-        return with_values(case.project, parameters, sigma * x)
+        return set_all(case.project, parameters, np.exp(sigma * x))
 
     start, *moved = simulation.motions(
         [project(x) for x in [0.0 * sigma, *STEP * np.eye(len(sigma))]]

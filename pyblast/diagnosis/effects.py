@@ -12,11 +12,13 @@ from scipy import fft
 from ..blasts.blast import Blast
 from ..errors import InputError, contained
 from ..ground.tables import quality_of
+from ..inference.parameter import Parameter, set_all
 from ..project.project import Project
+from ..project.uncertain_ground import factors_of
 from ..simulation.simulation import Simulation
 from ..solver.assembly import time_step
 from . import library  # noqa: F401  fills the library
-from .calibration import Baseline, attenuated, calibrated_parameters, with_values
+from .calibration import Baseline, attenuated
 from .case import Case
 from .forward import Surroundings, holds, simulation_of, surroundings
 from .hypotheses import FAMILIES, LIBRARY, Hypothesis, blast_and_hole, superposed
@@ -120,10 +122,7 @@ class Scene:
 
         None where effects exclude one another, or holes would lie outside of the model.
         """
-        project = with_values(self.case.project, self.baseline.parameters, values)
-        for effect in _acting(effects, "site"):
-            if project is not None:
-                project = effect.hypothesis.apply(project, effect.target, **effect.parameters)
+        project = changed_site(self.case.project, values, effects, self.baseline.parameters)
         if project is None or not holds(self.simulation, self.case.project, project):
             return None
         return project
@@ -363,31 +362,30 @@ def _acting(effects, on):
     )
 
 
-def diagnosed(project: Project, values, effects: Sequence[Effect]) -> Project:
+def changed_site(
+    project: Project, values, effects: Sequence[Effect], factors: Sequence[Parameter] | None = None
+) -> Project | None:
     """Return a project with calibrated values and the effects on its site.
+
+    None where effects exclude one another.
 
     Parameters
     ----------
     project : Project
         The reference.
-    values : (n_calibrated,) float
-        Logarithms of factors on the values of the reference; empty where none was calibrated.
+    values : (n,) float
+        Logarithms of factors on the values of the reference.
     effects : sequence of Effect
-
-    Raises
-    ------
-    InputError
-        If an effect is impossible in this project.
+    factors : sequence of n Parameter, optional
+        By default `factors_of` the project, none without values.
     """
-    if len(values):
-        project = with_values(project, calibrated_parameters(project), values)
-    for effect in effects:
-        if effect.hypothesis.on == "site":
-            changed = effect.hypothesis.apply(project, effect.target, **effect.parameters)
-            if changed is None:
-                raise InputError(f"{effect.label} {effect.target}: is impossible in this project")
-            project = changed
-    return project
+    if factors is None:
+        factors = factors_of(project) if len(values) else ()
+    site = set_all(project, factors, np.exp(values))
+    for effect in _acting(effects, "site"):
+        if site is not None:
+            site = effect.hypothesis.apply(site, effect.target, **effect.parameters)
+    return site
 
 
 def predict(
@@ -422,7 +420,10 @@ def predict(
     SolverError
         If the run fails.
     """
-    answer = diagnosed(case.project, values, effects)
+    answer = changed_site(case.project, values, effects)
+    if answer is None:
+        named = ", ".join(f"{effect.label} {effect.target}".rstrip() for effect in effects)
+        raise InputError(f"{named}: impossible in this project")
     reference, project = (with_blast(each, FURTHER, blast) for each in (case.project, answer))
     further = replace(case, project=reference, blasts=(FURTHER,))
     simulation = simulation_of(further, folder, finer=True)

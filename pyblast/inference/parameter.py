@@ -2,8 +2,8 @@
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from typing import Protocol
+from dataclasses import dataclass, field
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -11,6 +11,7 @@ from ..errors import InputError
 from ..units import split_key
 
 SPEED, STIFFNESS, OTHER = "speed", "stiffness", "other"
+DENSITY, GEOMETRY = "density", "geometry"  # kinds that a search holds
 _KINDS = {"cp": SPEED, "cs": SPEED, "kn": STIFFNESS, "ks": STIFFNESS}
 
 
@@ -29,7 +30,8 @@ class Parameter:
     ----------
     name : str
         Dotted path of a number in the project file (``joints.fault.kn_gpa_per_m``,
-        ``damping.ratio``, ``signature.scale``), or the argument of a hypothesis.
+        ``damping.ratio``, ``signature.scale``), a factor on one such as ``rock.cp``, or the
+        argument of a hypothesis.
     low, high : float
         Bounds in the unit; a search stays within. Finite for a uniform prior.
     log : bool
@@ -49,6 +51,12 @@ class Parameter:
         detection limit is measured from there.
     laboratory : (low, high), optional
         Range of laboratory samples, to compare the result with; not part of the inference.
+    kind : str
+        Of the number: wave speed, stiffness, density, geometry or other.
+    step : float
+        Of the coordinate, for a derivative.
+    act : callable, optional
+        ``(project, value) -> project``; by default the key ``name`` of the project is set.
 
     Raises
     ------
@@ -67,6 +75,9 @@ class Parameter:
     per_hole: bool = False
     null: float | None = None
     laboratory: tuple[float, float] | None = None
+    kind: str = OTHER
+    step: float = 0.0
+    act: Callable[[Any, float], Any] | None = field(default=None, compare=False)
 
     def __post_init__(self):
         """Check bounds and prior."""
@@ -106,6 +117,73 @@ class Parameter:
         if self.log:
             return self.mean * np.exp(self.sigma * standardised)
         return self.mean + self.sigma * standardised
+
+    @property
+    def uniform(self) -> bool:
+        """Whether the prior is uniform over the range."""
+        return self.sigma is None
+
+    @property
+    def relative(self) -> bool:
+        """Whether the coordinate is the logarithm of a factor."""
+        return self.log or self.low > 0.0
+
+    @property
+    def moves(self) -> bool:
+        """Whether a search runs other values of it; derivatives are taken of all."""
+        return self.kind not in (DENSITY, GEOMETRY)
+
+    @property
+    def start(self) -> float:
+        """Value at coordinate zero: the first starting value, or the mean of a Gaussian prior."""
+        return self.starts[0] if self.mean is None else self.mean
+
+    def at(self, coordinate):
+        """Return the value at a coordinate.
+
+        Coordinates are logarithms of factors on `start` where values are positive, else
+        differences from it, as shares of a range.
+        """
+        if self.relative:
+            return self.start * np.exp(coordinate)
+        return self.start + coordinate * (self.high - self.low if self.uniform else 1.0)
+
+    def coordinate(self, value):
+        """Return the coordinate of a value; the inverse of `at`."""
+        if self.relative:
+            return np.log(value / self.start)
+        return (value - self.start) / (self.high - self.low if self.uniform else 1.0)
+
+    @property
+    def prior(self) -> tuple[float, float]:
+        """Mean and standard deviation of the coordinate, (2,)."""
+        if self.sigma is not None:
+            return 0.0, self.sigma
+        low, high = self.coordinate(self.low), self.coordinate(self.high)
+        return float(0.5 * (low + high)), float(high - low) / math.sqrt(12.0)
+
+    def set(self, state, value: float):
+        """Return a state, such as a `Project`, with a value of the parameter in its unit."""
+        return state.set({self.name: value}) if self.act is None else self.act(state, value)
+
+
+def set_all(state, parameters: Sequence[Parameter], values):
+    """Return a state with values (n,) of parameters: keys of its file at once, then the others.
+
+    Where those are at their start they change nothing.
+
+    Raises
+    ------
+    InputError
+        If a key names no number, or a value breaks a rule of the project file.
+    """
+    pairs = list(zip(parameters, np.asarray(values, dtype=np.float64).tolist(), strict=True))
+    keys = {parameter.name: value for parameter, value in pairs if parameter.act is None}
+    state = state.set(keys) if keys else state
+    for parameter, value in pairs:
+        if parameter.act is not None and value != parameter.start:
+            state = parameter.act(state, value)
+    return state
 
 
 @dataclass(frozen=True, eq=False)

@@ -563,6 +563,39 @@ class Project:
             survey = replace(survey, receivers=tuple(receivers))
         return replace(self, survey=survey, **parts)
 
+    def set(self, changes: Mapping[str, float]) -> "Project":
+        """Return the project with other values of some keys.
+
+        Parameters
+        ----------
+        changes : dict of str to float
+            By dotted path, in the units of the keys: ``{"joints.fault.kn_gpa_per_m": 0.2}``.
+
+        Returns
+        -------
+        Project
+            Its mesh is that of the project, so that `run_many` can run several at once, but where a
+            change affects it.
+
+        Raises InputError if a path names no number, or a value breaks a rule of the project file.
+        """
+        config = check_config(changed_tables(self.config, changes), self.path.name)
+        tables = {
+            table
+            for table in Config.model_fields
+            if getattr(config, table) != getattr(self.config, table)
+        }
+        others = {"materials"} if self.ground.sized_by_speeds else set()
+        others |= {"blast", "materials"} if config.ground.damaged_zone else set()
+        varied = make_project(config, self.path)
+        if tables <= CHEAP:
+            shot = replace(self.shot, config=config)
+        else:
+            shot = replace(varied.shots[0], log=self.log, read=self.shots[0].read)
+        survey = replace(self.survey, shots=(shot,))
+        meshes = {} if tables & others else self.meshes
+        return replace(varied, survey=survey, meshes=meshes, span=self.reach)
+
     @property
     def input_files(self) -> dict[str, str]:
         """SHA-256 of the project file and of every file that it names."""
@@ -638,38 +671,3 @@ def make_project(config, path) -> Project:
 
 
 CHEAP = {"joints", "damping"}
-
-
-def vary(project: Project, changes: dict[str, float]) -> Project:
-    """Return a project with changed values of some keys.
-
-    Parameters
-    ----------
-    project : Project
-    changes : dict of str to float
-        By dotted path, in the units of the keys: ``{"joints.fault.kn_gpa_per_m": 0.2}``.
-
-    Returns
-    -------
-    Project
-        Its mesh is that of the project, so that `run_many` can run several at once, but where a
-        change affects it.
-
-    Raises InputError if a path names no number, or a value breaks a rule of the project file.
-    """
-    config = check_config(changed_tables(project.config, changes), project.path.name)
-    tables = {
-        table
-        for table in Config.model_fields
-        if getattr(config, table) != getattr(project.config, table)
-    }
-    others = {"materials"} if project.ground.sized_by_speeds else set()
-    others |= {"blast", "materials"} if config.ground.damaged_zone else set()
-    varied = make_project(config, project.path)
-    if tables <= CHEAP:
-        shot = replace(project.shot, config=config)
-    else:
-        shot = replace(varied.shots[0], log=project.log, read=project.shots[0].read)
-    survey = replace(project.survey, shots=(shot,))
-    meshes = {} if tables & others else project.meshes
-    return replace(varied, survey=survey, meshes=meshes, span=project.reach)

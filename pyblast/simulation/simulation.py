@@ -13,6 +13,8 @@ from ..model.model import Model
 from ..runs.greens import PointSource, greens_functions
 from ..runs.parallel import CachedRun, is_single, run_all
 from ..signals.seismogram import Seismogram
+from ..solver.assembly import Step
+from ..solver.run import run_many, simulate
 
 
 class State(Protocol):
@@ -23,6 +25,15 @@ class State(Protocol):
     @property
     def lead(self) -> float:
         """Time in s from the start of a run to the first firing."""
+        ...
+
+    @property
+    def duration(self) -> float:
+        """Duration of a run in s, the lead included."""
+        ...
+
+    def simulated(self, motion: Mapping[str, Seismogram]) -> dict[str, Seismogram]:
+        """Return seismograms of a run of the model from the first firing on."""
         ...
 
     def of(self, name: str) -> Self:
@@ -178,3 +189,29 @@ class Simulation:
                       for source in row])
             for each, row in zip(own, sources, strict=True)
         ]  # fmt: skip
+
+
+def in_batches(states: Sequence[State], step: Step | None = None) -> list[dict[str, Seismogram]]:
+    """Run states of one shot each in double precision, and return what their receivers record.
+
+    Parameters
+    ----------
+    states : sequence of State
+    step : Step, optional
+        Of all their models, which then run in batches; else each has its own.
+
+    Returns
+    -------
+    list of dict of str to Seismogram
+        By receiver, from the first firing on.
+
+    Raises
+    ------
+    SolverError
+        If a model can't be run.
+    """
+    if step is None:
+        runs = [simulate(state.model, state.duration) for state in states]
+    else:
+        runs = run_many([state.model for state in states], states[0].duration, step=step)
+    return [state.simulated(run.seismograms) for state, run in zip(states, runs, strict=True)]

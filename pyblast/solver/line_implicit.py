@@ -134,7 +134,8 @@ def lines_of(model: Model, zones: np.ndarray) -> Lines:
     Notes
     -----
     Of the gradient of a motion, the part along the coordinate t of the line:
-    ``integral of (l_a' l_b') [(lambda + mu) g g^T + mu |g|^2 1]`` with g = grad t; theory.md (2.56).
+    ``integral of (l_a' l_b') [(lambda + mu) g g^T + mu |g|^2 1]`` with g = grad t;
+    theory.md (2.56).
     """
     numbers, size = np.flatnonzero(zones), model.mesh.order + 1
     nodes, turns, thin = _line_nodes(model, zones)

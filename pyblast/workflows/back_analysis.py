@@ -198,7 +198,7 @@ def result_of_fit(target, table, fit) -> BackAnalysis:
     """Return the result of a fit, not confirmed: its steps are the trace."""
     places = [fit.names.index(parameter.name) for parameter in target.parameters]
     points = np.array([
-        [float(fit.properties[n].value(row["coordinates"][n])) for n in places]
+        [float(fit.properties[n].at(row["coordinates"][n])) for n in places]
         for row in fit.trace
     ])  # fmt: skip
     misfits = np.array([row["remaining"] for row in fit.trace])

@@ -3,9 +3,9 @@
 import pytest
 from small_project import written
 
-from pyblast.back_analysis.parameters import check_parameters, with_values
+from pyblast.back_analysis.parameters import check_parameters
 from pyblast.errors import InputError
-from pyblast.inference.parameter import Parameter
+from pyblast.inference.parameter import Parameter, set_all
 from pyblast.project.project import load_project
 
 KN = "joints.F1.kn_gpa_per_m"
@@ -28,13 +28,13 @@ def project(tmp_path):
     ],
 )
 def test_a_value_reaches_its_place_in_si(project, path, value, found, wanted):
-    varied = with_values(project, [Parameter(path, 0.1, 1e5)], [value])
+    varied = set_all(project, [Parameter(path, 0.1, 1e5)], [value])
 
     assert found(varied) == pytest.approx(wanted, rel=1e-12)
 
 
 def test_the_scale_of_the_source_multiplies_the_motion_that_enters(project):
-    varied = with_values(project, [Parameter("signature.scale", 0.5, 2.0)], [1.5])
+    varied = set_all(project, [Parameter("signature.scale", 0.5, 2.0)], [1.5])
 
     assert varied.input.motion.ppv == pytest.approx(1.5 * project.input.motion.ppv, rel=1e-12)
 
@@ -43,12 +43,12 @@ def test_joints_and_damping_keep_the_mesh_of_the_model(project):
     mesh = project.model.mesh
     parameters = [Parameter(KN, 0.01, 0.5), Parameter("damping.ratio", 0.005, 0.05)]
 
-    assert with_values(project, parameters, [0.3, 0.02]).model.mesh is mesh
+    assert set_all(project, parameters, [0.3, 0.02]).model.mesh is mesh
 
 
 def test_a_varied_model_is_the_one_that_the_changed_file_gives(project, tmp_path):
     assert project.model is not None
-    varied = with_values(project, [Parameter(KN, 0.01, 0.5)], [0.3]).model
+    varied = set_all(project, [Parameter(KN, 0.01, 0.5)], [0.3]).model
     other = load_project(written(tmp_path, ("kn_gpa_per_m = 0.114", "kn_gpa_per_m = 0.3"))).model
 
     assert varied.joints == other.joints
@@ -59,7 +59,7 @@ def test_a_varied_model_is_the_one_that_the_changed_file_gives(project, tmp_path
 def test_materials_keep_the_split_mesh_of_the_project(project):
     mesh = project.mesh
 
-    varied = with_values(project, [Parameter("materials.rock.young_mpa", 1e3, 1e5)], [9000.0])
+    varied = set_all(project, [Parameter("materials.rock.young_mpa", 1e3, 1e5)], [9000.0])
 
     assert varied.mesh is mesh
 

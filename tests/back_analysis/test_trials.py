@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from inversion_project import PARAMETERS, target, twin_file
 
-from pyblast.back_analysis import parameters, trials
+from pyblast.back_analysis import trials
+from pyblast.back_analysis.parameters import common_time_step
 from pyblast.back_analysis.trials import TrialLog, Trials, identity
 from pyblast.errors import InputError, ReadError, SolverError
 from pyblast.inference.gauss_newton import levenberg_search
@@ -17,6 +18,7 @@ from pyblast.inference.global_search import paper
 from pyblast.inference.parameter import Parameter
 from pyblast.project.project import load_project
 from pyblast.runs.parallel import workers
+from pyblast.simulation import simulation
 
 TRUTH = np.array([[0.114, 0.025, 0.0112]])
 
@@ -94,14 +96,14 @@ def test_least_squares_goes_down_in_13_runs_and_is_resumed_to_the_same_trace(twi
 
 
 def test_residuals_of_a_model_that_can_not_be_run_are_infinite(twin, tmp_path, monkeypatch):
-    run_many = parameters.run_many
+    run_many = simulation.run_many
 
     def fails(models, duration, *, step=None):
         if models[0].damping.ratio > 0.03:
             raise SolverError("the motion grew")
         return run_many(models, duration, step=step)
 
-    monkeypatch.setattr(parameters, "run_many", fails)
+    monkeypatch.setattr(simulation, "run_many", fails)
     log = TrialLog(tmp_path / "log.jsonl", identity(twin, "paper", 1))
 
     _, residuals = Trials(twin, log, 2).vectors([[0.1, 0.02, 0.04], [0.1, 0.02, 0.01]])
@@ -182,8 +184,8 @@ def test_a_model_that_can_not_be_run_has_an_infinite_misfit_and_its_reason(
             raise SolverError("the motion grew")
         return run_many(models, duration, step=step)
 
-    run_many = parameters.run_many
-    monkeypatch.setattr(parameters, "run_many", fails)
+    run_many = simulation.run_many
+    monkeypatch.setattr(simulation, "run_many", fails)
 
     misfits = misfits_of(twin, [[0.1, 0.02, 0.01], [0.1, 0.02, 0.04]], tmp_path / "log.jsonl")
 
@@ -201,7 +203,7 @@ def test_lagged_damping_that_would_halve_the_step_is_not_marched_in_one_step(tmp
     text = path.read_text().replace("frequency_hz = 4", "frequency_hz = 1\nlagged = true")
     path.write_text(text)
 
-    assert parameters.common_time_step(load_project(path), PARAMETERS) is None
+    assert common_time_step(load_project(path), PARAMETERS) is None
 
 
 def test_a_worker_of_dask_that_is_killed_costs_nothing(twin, tmp_path):

@@ -9,7 +9,6 @@ from inversion_project import PARAMETERS, TRUTH, noisy
 from pyblast import back_analyse, load_project
 from pyblast.back_analysis.findings import findings_of_fit, findings_of_table
 from pyblast.back_analysis.fit import Fitter
-from pyblast.back_analysis.parameters import simulate, with_values
 from pyblast.back_analysis.search import make_target
 from pyblast.back_analysis.trials import evaluate
 from pyblast.back_analysis.waveforms import (
@@ -20,7 +19,9 @@ from pyblast.back_analysis.waveforms import (
     window_of,
 )
 from pyblast.errors import InputError, SolverError
+from pyblast.inference.parameter import set_all
 from pyblast.inference.records import band_functions, white_noise
+from pyblast.simulation.simulation import in_batches
 from pyblast.workflows.back_analysis import RESULT, TRIALS
 
 
@@ -84,8 +85,8 @@ def test_noise_leaves_its_share_of_the_energy(tmp_path):
     noise = np.trace(records.noise.covariance(band, 0, 0))
     energy = np.sum(band.project(records.motion) ** 2)
     project = load_project(noisy(tmp_path))
-    truth = with_values(project, PARAMETERS, TRUTH)
-    motion = sampled_motion(simulate(truth, (), [()]), records.receivers, records)
+    truth = set_all(project, PARAMETERS, TRUTH)
+    motion = sampled_motion(in_batches([truth]), records.receivers, records)
 
     # 45 numbers, and a factor in the noise for the few that it is estimated from
     assert 0.2 < remaining(records, motion) / (noise / energy) < 1.5
@@ -283,7 +284,7 @@ def test_the_error_of_a_mesh_is_extrapolated_from_a_coarser_one(tmp_path):
     project = load_project(path)
     window, other = window_of([project]), project.changed(mesh=project.refined(COARSER))
     motion, coarse = (
-        sampled_motion(simulate(one, (), [()]), ["R1"], window) for one in (project, other)
+        sampled_motion([one.simulate().seismograms], ["R1"], window) for one in (project, other)
     )
 
     (error,), doubt = mesh_errors_of([project], motion, ["R1"], window)
@@ -317,7 +318,7 @@ def test_only_the_band_that_the_mesh_carries_is_compared(tmp_path):
     assert 18.0 < row.carried < 40.0
     assert "and not to 60; edges of" in finding.text
     assert finding.numbers == {"carried": row.carried, "asked": 60.0}
-    varied = with_values(target.projects[0], PARAMETERS, TRUTH)
+    varied = set_all(target.projects[0], PARAMETERS, TRUTH)
     assert varied.compared_band == (3.0, row.carried)
 
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 from small_project import CARRIED, written
 
-from pyblast.back_analysis.parameters import common_time_step, simulate
+from pyblast.back_analysis.parameters import common_time_step
 from pyblast.back_analysis.trials import Target
 from pyblast.inference.parameter import Parameter
 from pyblast.project.project import load_project
@@ -27,7 +27,7 @@ def twin_file(folder, section="", changes=()):
     """Write a project whose record was made with its own values; return its path."""
     path = written(folder, ("duration_s = 0.1", "duration_s = 0.4"), CARRIED[0], *changes)
     project = load_project(path)
-    motion = simulate(project, (), [()])[0]["R1"]
+    motion = project.simulate().seismograms["R1"]
     write_csv(folder / "wall.csv", replace(motion, label="R1"))
     text = path.read_text().replace("\n[run]\n", RECORDED)
     path.write_text(text + section)
@@ -68,7 +68,7 @@ def noisy(folder, start=-0.4, rms=RMS, **keys):
         ("cohesion_kpa = 20", "cohesion_kpa = 500"), ("tension_kpa = 0", "tension_kpa = 1e6"),
         ("grid_cells = [6, 2, 3]", "grid_cells = [6, 2, 3]\nquadratic = true"),
     )  # fmt: skip
-    motion = simulate(load_project(path), (), [()])[0]["R1"]
+    motion = load_project(path).simulate().seismograms["R1"]
     made = motion.sampled(start, 1.0 / 256.0, int(256 * (0.5 - start)))
     noise = rms * np.random.default_rng(3).normal(size=made.velocity.shape)
     write_csv(folder / "wall.csv", replace(made, velocity=made.velocity + noise, label="R1"))

@@ -7,13 +7,14 @@ import numpy as np
 from benchmarks.blind.flat_models import Discretization
 from pyblast.blasts.blast import Blast
 from pyblast.config.config import check_config
-from pyblast.diagnosis.calibration import Baseline, calibrated_parameters, likelihood_of
+from pyblast.diagnosis.calibration import Baseline, likelihood_of
 from pyblast.diagnosis.case import Case, case_of
 from pyblast.diagnosis.effects import Scene
 from pyblast.diagnosis.forward import simulation_of
 from pyblast.model.model import Receiver
 from pyblast.model.source import TimeFunction
 from pyblast.project.project import Project, make_project
+from pyblast.project.uncertain_ground import factors_of
 from pyblast.recordings.recording import Recording
 from pyblast.signals.seismogram import Seismogram
 from pyblast.sources.inside import Inside
@@ -114,7 +115,7 @@ def scene_of(case: Case) -> Scene:
     motion = simulation.motion(case.project)
     times = DT * np.arange(case.n_samples)
     stretched = times * np.gradient(motion, DT, axis=-1)
-    unknowns = calibrated_parameters(case.project)
+    unknowns = factors_of(case.project)
     slopes = np.stack([stretched, 0.7 * stretched, 0.05 * motion, -0.03 * motion])
     baseline = Baseline(
         case, unknowns, np.zeros(4), np.diag([one.sigma**2 for one in unknowns]), case.project,

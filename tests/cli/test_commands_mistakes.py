@@ -109,7 +109,11 @@ def test_d1_counts_zones_in_the_sponge_only_where_there_are_no_others(tmp_path):
 @pytest.mark.parametrize(
     ("old", "new", "place"),
     [
-        ("density_kg_per_m3 = 2660", "density_kg_per_m3 = 266", "materials.rock.density_kg_per_m3 is 266, usual are 300 to 9000"),
+        (
+            "density_kg_per_m3 = 2660",
+            "density_kg_per_m3 = 266",
+            "materials.rock.density_kg_per_m3 is 266, usual are 300 to 9000",
+        ),
         (
             "kn_gpa_per_m = 0.114",
             "kn_gpa_per_m = 114000000",

@@ -57,7 +57,7 @@ def test_charges_of_zero_do_not_enter(tmp_path, text, reference):
     )
     project = load_project(written(tmp_path, text=f"{head}{file}{rest}"))
 
-    with pytest.raises(InputError, match="all charges are zero, so nothing|no hole has a charge"):
+    with pytest.raises(InputError, match=r"all charges are zero, so nothing|no hole has a charge"):
         _ = project.model
 
 

@@ -6,7 +6,7 @@ import pytest
 from small_project import INSIDE, TEXT, written
 
 from pyblast.config.config import Config, read_config
-from pyblast.config.keys import keys, numbers_in, range_of_key, section_in, unusual, numbers_given
+from pyblast.config.keys import keys, numbers_given, numbers_in, range_of_key, section_in, unusual
 from pyblast.errors import InputError
 from pyblast.model.material import Material
 

@@ -9,12 +9,13 @@ from small_site import recorded, small_site
 
 import pyblast.diagnosis.library  # noqa: F401  fills the library
 from pyblast import InputError
-from pyblast.diagnosis.calibration import calibrate, calibrated_parameters, with_values
+from pyblast.diagnosis.calibration import calibrate
 from pyblast.diagnosis.effects import Effect, Scene
 from pyblast.diagnosis.fitting import fit
 from pyblast.diagnosis.forward import hole_motion, simulation_of
 from pyblast.diagnosis.hypotheses import LIBRARY, hypothesis
-from pyblast.inference.parameter import Parameter
+from pyblast.inference.parameter import Parameter, set_all
+from pyblast.project.uncertain_ground import factors_of
 
 TRUE = np.array([0.02, -0.02, 0.2, -0.15])
 
@@ -22,7 +23,7 @@ TRUE = np.array([0.02, -0.02, 0.2, -0.15])
 @cache
 def site():
     """Return the small site with other speeds and stiffness than are believed."""
-    return with_values(small_site(), calibrated_parameters(small_site()), TRUE)
+    return set_all(small_site(), factors_of(small_site()), np.exp(TRUE))
 
 
 @cache
@@ -115,7 +116,13 @@ def test_words_that_no_hypothesis_knows_are_refused():
         again(old.apply)
 
 
-def test_unknowns_of_parts_that_are_not_there_are_refused():
-    unknowns = calibrated_parameters(small_site())
-    with pytest.raises(InputError, match="no material or joint named"):
-        with_values(small_site(), [replace(unknowns[0], name="clay.cp")], [0.1])
+def test_factors_act_on_what_they_name_whatever_their_order():
+    site = small_site()
+    factors, values = factors_of(site), np.exp(TRUE)
+    one, other = (set_all(site, factors[::turn], values[::turn]) for turn in (1, -1))
+
+    rocks = [project.materials["rock"] for project in (site, one, other)]
+    before, after, again = (np.array([rock.cp, rock.cs]) for rock in rocks)
+    assert after / before == pytest.approx(values[:2], rel=1e-12)
+    assert again == pytest.approx(after, rel=1e-12)
+    assert set_all(site, factors, np.ones(4)) is site

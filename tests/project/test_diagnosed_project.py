@@ -13,14 +13,15 @@ from small_site import BAND, BEFORE, DT, SAMPLES, recorded, small_site, with_rec
 from benchmarks.blind.case_files import write_case
 from benchmarks.blind.flat_models import flat_box
 from benchmarks.blind.sites import Site, SiteJoint
-from pyblast.diagnosis.calibration import calibrated_parameters, with_values
 from pyblast.diagnosis.case import case_of
 from pyblast.diagnosis.forward import holds, hole_motion, simulation_of
 from pyblast.diagnosis.hypotheses import LIBRARY, untestable_labels
 from pyblast.diagnosis.library.ground import not_flat
 from pyblast.errors import InputError
 from pyblast.ground.tables import quality_of
+from pyblast.inference.parameter import set_all
 from pyblast.project.project import load_project, with_further
+from pyblast.project.uncertain_ground import factors_of
 from pyblast.recordings.recording import read_stations
 from pyblast.runs.parallel import input_hash
 from pyblast.workflows.diagnose import (
@@ -218,7 +219,7 @@ def test_other_projects_are_run_on_their_own_mesh_and_say_what_they_do_not_test(
 
     assert told.keys() == {"anisotropy", "candidate", "side", "source_function"}
     assert "paths lie in 2 of 6 directions" in told["anisotropy"]
-    assert {one.name for one in calibrated_parameters(case.project)} == {
+    assert {one.name for one in factors_of(case.project)} == {
         "rock.cp", "rock.cs", "J1.kn", "J1.ks"
     }  # fmt: skip
     holes = hole_motion(simulation, case, case.project)
@@ -226,7 +227,7 @@ def test_other_projects_are_run_on_their_own_mesh_and_say_what_they_do_not_test(
     np.testing.assert_array_equal(blast.times, 0.0)
     whole = simulation.motion(case.project, ["S1"])[0]
     np.testing.assert_allclose(holes["S1"][0], whole, atol=2e-2 * np.abs(whole).max())
-    stiffer = with_values(case.project, calibrated_parameters(case.project), [0.0, 0.0, 1.0, 1.0])
+    stiffer = set_all(case.project, factors_of(case.project), [1.0, 1.0, np.e, np.e])
     changed = simulation.motion(stiffer, ["S1"])[0]
     assert 0.01 < np.abs(changed - whole).max() / np.abs(whole).max() < 1.0
     slips = LIBRARY["joint_slip"].apply(case.project, "J1", strength=1e3, residual=0.5)

@@ -9,7 +9,7 @@ from grounds import GROUNDS, case_on
 
 import pyblast.diagnosis.library  # noqa: F401  fills the library
 from pyblast.config.ground import FaultConfig
-from pyblast.diagnosis.calibration import Baseline, calibrated_parameters, likelihood_of
+from pyblast.diagnosis.calibration import Baseline, likelihood_of
 from pyblast.diagnosis.cross_validation import CrossValidation
 from pyblast.diagnosis.decision import Decision
 from pyblast.diagnosis.effects import Effect, Scene
@@ -19,6 +19,7 @@ from pyblast.diagnosis.hypotheses import LIBRARY
 from pyblast.diagnosis.library import geometry
 from pyblast.diagnosis.search import Search
 from pyblast.diagnosis.summary import diagnosis_lines, summarise_diagnosis
+from pyblast.project.uncertain_ground import factors_of
 from pyblast.report.diagnosis import (
     claims,
     hole_rows,
@@ -59,7 +60,7 @@ def effects_on(case):
 def scene_on(ground):
     """Return the scene of a ground as if its records had been simulated."""
     case = case_on(ground)
-    parameters = calibrated_parameters(case.project)
+    parameters = factors_of(case.project)
     n, motion = len(parameters), case.motion
     baseline = Baseline(
         case, parameters, np.zeros(n), np.eye(n), case.project, motion,

@@ -10,10 +10,10 @@ from command_line import call
 from small_project import INSIDE, written
 
 from pyblast import Seismogram, load_project
-from pyblast.back_analysis.parameters import simulate
 from pyblast.errors import InputError
 from pyblast.project.result import write_csv
 from pyblast.signals.seismogram import BLAST_AXES
+from pyblast.simulation.simulation import in_batches
 from pyblast.workflows.delays import house_limits, optimise_delays
 
 ROWS = ("rows = 4\nholes_per_row = 15", "rows = 2\nholes_per_row = 1")
@@ -130,7 +130,7 @@ def test_holes_inside_shake_a_receiver_as_the_run_of_the_project_does(tmp_path):
     path.write_text(slow + table + '[[delays.houses]]\nname = "house"\nlimit_mm_per_s = 1\n')
 
     told, _ = optimise_delays(path)
-    run = simulate(load_project(path), (), [()])[0]["house"]
+    run = in_batches([load_project(path)])[0]["house"]
 
     # rows fire together as planned; half a step between samples of the two
     level = told["houses"][0]["before"]["levels"]["0.9"]

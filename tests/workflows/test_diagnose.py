@@ -9,8 +9,9 @@ from library_scene import library_of
 from small_site import DT, recorded, small_site
 
 from pyblast.diagnosis import decision
-from pyblast.diagnosis.calibration import calibrated_parameters, with_values
 from pyblast.diagnosis.hypotheses import LIBRARY
+from pyblast.inference.parameter import set_all
+from pyblast.project.uncertain_ground import factors_of
 from pyblast.workflows.diagnose import diagnose
 
 TRUE = np.array([0.02, -0.02, 0.2, -0.15])
@@ -28,7 +29,7 @@ def no_runs():
 @cache
 def found(change=None, correct=False):
     """Diagnose the small site with other values and one change of its records."""
-    true = with_values(small_site(), calibrated_parameters(small_site()), TRUE)
+    true = set_all(small_site(), factors_of(small_site()), np.exp(TRUE))
     case = recorded(small_site(), true, change=change, fine=True)
     return diagnose(case.project, seed=3, correct=correct).summary
 
@@ -104,7 +105,7 @@ def test_what_is_named_foretells_records_that_were_left_out():
 def test_one_silent_hole_is_a_misfire_of_that_hole_and_not_of_all_charges():
     site = small_site()
     silent = replace(site.blasts["B1"], charge=np.array([60.0, 1e-6, 60.0]))
-    true = with_values(site, calibrated_parameters(site), TRUE)
+    true = set_all(site, factors_of(site), np.exp(TRUE))
     case = recorded(site, true.changed(blasts={**site.blasts, "B1": silent}), fine=True)
     made = diagnose(case.project, seed=3)
 
@@ -133,7 +134,7 @@ def test_a_finer_mesh_corrects_all_runs_and_the_answer(monkeypatch):
     ]
     coarse = {"kind": "hexahedra", "order": 3, "accuracy": 0.1, "layers": layers}  # as files may
     site = site.changed(mesh=site.config.mesh.model_copy(update=coarse))
-    true = with_values(site, calibrated_parameters(site), TRUE)
+    true = set_all(site, factors_of(site), np.exp(TRUE))
     moved = MOVED.apply(true, "B1", east=8.0, north=-8.0)
     case = recorded(site, moved, fine=True)
 

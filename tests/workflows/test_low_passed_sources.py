@@ -13,7 +13,7 @@ from pyblast.diagnosis.case import case_of
 from pyblast.diagnosis.forward import simulation_of
 from pyblast.errors import InputError
 from pyblast.project.checks import check
-from pyblast.project.project import load_project, vary
+from pyblast.project.project import load_project
 from pyblast.project.result import Result, seismogram_heads, write_csv
 from pyblast.recordings.recording import read_recording
 from pyblast.signals.comparison import compare
@@ -220,10 +220,10 @@ def test_variants_keep_the_low_pass_that_the_mesh_asked_for(tmp_path):
 
     target = make_target(project)
 
-    slow = vary(target.projects[0], {"materials.rock.cs_m_per_s": 1000})
+    slow = target.projects[0].set({"materials.rock.cs_m_per_s": 1000})
     assert load_project(path).config.holes_inside.low_pass_hz is None
     assert slow.shot.low_pass == corner
-    assert vary(project, {"materials.rock.cs_m_per_s": 1000}).shot.low_pass < corner
+    assert project.set({"materials.rock.cs_m_per_s": 1000}).shot.low_pass < corner
     assert evaluate(target, np.array([[1700.0]]))[0]["misfit"] < 0.1
 
 

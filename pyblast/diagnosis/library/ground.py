@@ -15,7 +15,7 @@ from ...model.joint import Joint
 from ...model.material import ConstantQ, Material
 from ...project.places import extent_of
 from ...project.project import Project
-from ..calibration import scaled
+from ...project.uncertain_ground import scaled_material
 from ..hypotheses import (
     PRIORS,
     elastic_materials,
@@ -348,7 +348,7 @@ def _layered(project, thickness, slower):
     while own in project.materials:
         own = f"unlisted {own}"
     if is_anisotropic({name: rock}):
-        soft = scaled(rock, slower)
+        soft = scaled_material(rock, slower)
     else:
         soft = Material.from_speeds(rock.density, slower * rock.cp, slower * rock.cs)
         soft = replace(soft, law=rock.law)
