@@ -158,19 +158,20 @@ class JointObserver:
 
     def _present(self, contact_state):
         """Return cohesion and friction that are left of every contact; NaN where a law has none."""
-        failed, left = contact_state[:, FAILED] > 0.0, np.full((2, len(self.number)), np.nan)
+        failed = contact_state[:, FAILED] > 0.0
+        strength = np.full((2, len(self.number)), np.nan)
         for number, joint in enumerate(self.joints):
             here, own = self.number == number, joint.properties
             if joint.law == "softening":
                 worn = np.minimum(1.0, contact_state[here, 6] / own["weakening_slip"])
-                left[0, here] = own["cohesion"] * (1.0 - worn)
+                strength[0, here] = own["cohesion"] * (1.0 - worn)
                 drop = own["friction"] - own["friction_dynamic"]
-                left[1, here] = own["friction"] - worn * drop
+                strength[1, here] = own["friction"] - worn * drop
             elif "cohesion" in own:
                 for row, name in enumerate(("cohesion", "friction")):
                     residual = own.get(f"{name}_residual", own[name])
-                    left[row, here] = np.where(failed[here], residual, own[name])
-        return left
+                    strength[row, here] = np.where(failed[here], residual, own[name])
+        return strength
 
     def by_surface(self, ended) -> dict[str, JointSlip]:
         """Return the `JointSlip` of each surface that sticks below its strength.
@@ -187,7 +188,8 @@ class JointObserver:
             if JOINT_LAWS[joint.law].sticks:
                 whole = here & ~had
                 # Where nothing moves no factor is finite; contacts that failed before are left out.
-                first = [float(np.min(row[whole], initial=np.inf)) for row in self.records["margin"]]
+                margins = self.records["margin"]
+                first = [float(np.min(row[whole], initial=np.inf)) for row in margins]
                 counts = (int(np.count_nonzero(mask)) for mask in (here, here & had, here & has))
                 strengths[joint.surface] = JointSlip(*counts, *first)
         return strengths
