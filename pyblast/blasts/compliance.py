@@ -11,7 +11,7 @@ import numpy as np
 from ..errors import Finding
 from ..signals.comparison import BUILDING, LimitCurve, load_limits
 from ..signals.seismogram import Seismogram
-from ..signals.spectra import zero_crossing_frequency
+from ..signals.spectra import dominant_frequency, zero_crossing_frequency
 from ..units import plain_number
 from .peaks import LEVEL, PeakDistribution
 from .published_laws import BY_NAME, HARD_ROCK
@@ -52,6 +52,8 @@ class Assessment:
     transfer : float
         Factor on the peak of the free ground to that of the place which the curve judges, 1 where
         it judges the ground or the factor is not known.
+    spectral_frequency, spectral_limit : float, Hz, m/s
+        Frequency of the same component by its spectrum, and the limit there; NaN where unknown.
     """
 
     receiver: str
@@ -67,6 +69,8 @@ class Assessment:
     high: float = math.nan
     level_by: str = ""
     transfer: float = 1.0
+    spectral_frequency: float = math.nan
+    spectral_limit: float = math.nan
 
     @property
     def share(self) -> float:
@@ -148,7 +152,15 @@ def assess(
         if size > 0.0
     ]  # fmt: skip
     known = [row for row in rows if not math.isnan(row.limit)]
-    return max(known or rows, key=lambda row: row.share if known else row.peak, default=None)
+    worst = max(known or rows, key=lambda row: row.share if known else row.peak, default=None)
+    if worst is None:
+        return None
+    name = worst.quantity
+    if name == SUM:
+        name = motion.components[int(np.nanargmax(motion.ppv))]
+    hz = float(dominant_frequency(motion).hz[motion.components.index(name)])
+    limit = math.nan if math.isnan(hz) else limit_at(curve, hz)
+    return replace(worst, spectral_frequency=hz, spectral_limit=limit)
 
 
 def peaks_under(motion: Seismogram, quantity: str) -> list[tuple[str, float, float]]:
@@ -263,6 +275,7 @@ def conclusion(rows: Iterable[dict], chosen: bool) -> str:
             f"{'above it at ' + _some(over) if over else 'below it everywhere'}."
         )
     words = f"Not allowed at {_some(over)}: {text}." if over else f"Allowed: at most {text}."
+    words += _by_spectrum(known)
     law = unsigned(known)
     if not law:
         return words
@@ -271,6 +284,23 @@ def conclusion(rows: Iterable[dict], chosen: bool) -> str:
         "recorded blast of known holes, charges and distance (pyblast source, pyblast sitelaw). "
         f"By that law {words[0].lower()}{words[1:]}"
     )
+
+
+def _by_spectrum(rows):
+    """Return where the frequency of the spectrum decides differently, as a sentence; or ""."""
+    for row in rows:
+        limit, high = row.get("spectral_limit"), row.get("high")
+        if _missing(limit):
+            continue
+        share = (row["peak"] if _missing(high) else max(row["peak"], high)) / limit
+        if (share > 1.0) != (share_at_level(row) > 1.0):
+            return (
+                f" By the frequency of the spectrum at {row['receiver']}, "
+                f"{plain_number(row['spectral_frequency'])} Hz, the limit is "
+                f"{plain_number(1e3 * limit)} mm/s and the share {_percent(share)} it: both "
+                "frequencies do not decide alike, so say by which one the standard asks."
+            )
+    return ""
 
 
 def share_at_level(row: dict) -> float:

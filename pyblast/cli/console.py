@@ -217,7 +217,7 @@ class Progress:
                 self._task = self._bar.add_task(name, total=total)
         if self._bar is not None and self._task is not None:
             self._bar.update(self._task, completed=done, total=total)
-        elif total > 1 and done / total >= self._shown + 0.1:
+        elif (total > 1 or 0.0 < done < total) and done / total >= self._shown + 0.1:
             self._shown = done / total
             spent = time.perf_counter() - self._began
             rest = spent * (total - done) / (done - self._first) if done > self._first else None

@@ -459,7 +459,7 @@ def simulated_table(seismogram, band, carried) -> dict:
     band : Band
         Of the run.
     carried : float, Hz
-        What the mesh carries at the receiver: no frequency above it is a dominant one.
+        What sources hold and the mesh carries at the receiver: no frequency above it is dominant.
     """
     lowest = 1.0 / seismogram.duration
     table = motion_table(seismogram, (lowest, max(carried, 2.0 * lowest)))
@@ -484,7 +484,9 @@ def receiver_tables(project, simulated, band):
             "normal": receiver.normal,
             "carried_hz": rows[name].carried,
             "expected_error": error_table(rows[name], names),
-            "simulated": simulated_table(simulated[name], band, rows[name].carried),
+            "simulated": simulated_table(
+                simulated[name], band, min(rows[name].carried, project.shot.highest_frequency)
+            ),
             "recorded": motion_table(project.recorded[name]) if name in project.recorded else None,
             **level.level_table(project, receiver.position, peaks),
         }
