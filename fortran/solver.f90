@@ -169,7 +169,7 @@ contains
         !! Allocate the forces of a step and the sums over blocks of nodes.
         type(model_arrays), intent(in) :: model
         type(nodal_work), intent(out) :: work
-        integer :: n_nodes, n_blocks, place(size(model%nodes%node_mass, 2)), k
+        integer :: n_nodes, n_blocks, position(size(model%nodes%node_mass, 2)), k
 
         n_nodes = size(model%nodes%node_mass, 2)
         n_blocks = (n_nodes + block_size - 1)/block_size
@@ -184,10 +184,10 @@ contains
                       work%layer_force(3, size(model%layer%layer_node)))
         allocate (work%implicit%solution(n_batch, 3, size(model%implicit%implicit_node)))
         allocate (work%implicit%cluster_energy(n_batch, n_clusters(model%implicit)))
-        place = 0
+        position = 0
         if (model%layer%n_slabs > 0) &
-            place(model%layer%layer_node) = [(k, k=1, size(model%layer%layer_node))]
-        work%implicit%layer_place = place(model%implicit%implicit_node)
+            position(model%layer%layer_node) = [(k, k=1, size(model%layer%layer_node))]
+        work%implicit%layer_place = position(model%implicit%implicit_node)
         allocate (work%step_over_mass(n_batch, 3, n_nodes))
         work%step_over_mass = spread(model%dt/model%nodes%node_mass, 2, 3)
     end subroutine allocate_nodal_work

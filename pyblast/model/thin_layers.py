@@ -82,8 +82,8 @@ def _thickness(mesh, number):
         return None
     x, y, z = mesh.points[node].T
     reach = 1e-7 * np.ptp(mesh.points, axis=0).max()
-    place = np.round(x / reach) + 1j * np.round(y / reach)
-    _, line = np.unique(place, return_inverse=True)
+    position = np.round(x / reach) + 1j * np.round(y / reach)
+    _, line = np.unique(position, return_inverse=True)
     low, high = np.full(line.max() + 1, np.inf), np.full(line.max() + 1, -np.inf)
     np.minimum.at(low, line, z)
     np.maximum.at(high, line, z)

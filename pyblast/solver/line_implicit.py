@@ -123,7 +123,7 @@ def _line_nodes(model, zones):
     return nodes.reshape(-1, size), turns, thin
 
 
-def lines_of(model: Model, zones: np.ndarray) -> Lines:
+def node_lines(model: Model, zones: np.ndarray) -> Lines:
     """Return the lines of nodes across zones, with the stiffness along them.
 
     Parameters
@@ -135,7 +135,7 @@ def lines_of(model: Model, zones: np.ndarray) -> Lines:
     -----
     Of the gradient of a motion, the part along the coordinate t of the line:
     ``integral of (l_a' l_b') [(lambda + mu) g g^T + mu |g|^2 1]`` with g = grad t;
-    theory.md (2.56).
+    theory.md (2.55).
     """
     numbers, size = np.flatnonzero(zones), model.mesh.order + 1
     nodes, turns, thin = _line_nodes(model, zones)
@@ -165,14 +165,14 @@ def _moduli(model, zones):
 
 
 def line_arrays(model: Model, constants: dict[str, Any], zones: np.ndarray) -> dict[str, Any]:
-    """Return the factored matrix of line-implicit zones as kernel arrays; theory.md (2.55).
+    """Return the factored matrix of line-implicit zones as kernel arrays; theory.md (2.56).
 
     ``constants`` hold masses, mass damping, dashpots and directions at rest; ``zones``
     (n_zones,) bool.
     """
     if not zones.any():
         return no_implicit_zones()
-    lines, dt = lines_of(model, zones), constants["dt"]
+    lines, dt = node_lines(model, zones), constants["dt"]
     node, local, cluster = clusters_of(lines.nodes)
     stretch = (constants["node_mass"] / without_layer(constants)["node_mass"])[lines.nodes[:, 0]]
     share = WEIGHT * stretch * (0.25 * dt**2 + 0.5 * dt * lines.lag)

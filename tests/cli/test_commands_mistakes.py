@@ -157,7 +157,8 @@ def test_d27_holes_in_the_model_that_enter_through_a_face(tmp_path):
     assert "of 60 holes" in codes(moved)["D27"].text
 
 
-def test_d30_a_run_that_would_be_refused_for_its_memory(tmp_path):
+def test_d30_a_run_that_would_be_refused_for_its_memory(tmp_path, monkeypatch):
+    monkeypatch.setattr("pyblast.mesh.quality.available", lambda: 1e8)
     long = written(tmp_path, ("duration_s = 0.1", "duration_s = 1e5"))
 
     assert codes(long)["D30"].failed

@@ -21,7 +21,7 @@ from pyblast.model.model import Model, Receiver
 from pyblast.model.source import MomentTensor, TimeFunction
 from pyblast.signals.seismogram import Seismogram
 from pyblast.solver import assembly
-from pyblast.solver.line_implicit import line_zones, lines_of, steps_of_zones
+from pyblast.solver.line_implicit import line_zones, node_lines, steps_of_zones
 from pyblast.solver.preparation import export, prepare
 from pyblast.solver.run import integrated, simulate
 from pyblast.solver.time_step import largest_eigenvalue
@@ -72,7 +72,7 @@ def test_stiffness_along_lines_is_that_of_motion_that_varies_along_them_alone(le
     motion = np.outer(np.sin(0.7 * depth), [0.3, -0.5, 1.0])
     mass = model.nodes.sums(model.zone_values("density") * zone_volumes(model.mesh))
 
-    lines = lines_of(model, np.ones(len(mesh.zones), dtype=bool))
+    lines = node_lines(model, np.ones(len(mesh.zones), dtype=bool))
 
     force = np.zeros_like(motion)
     own = np.einsum("naibj,nbj->nai", lines.stiffness, motion[lines.nodes])

@@ -3,9 +3,10 @@
 (function () {
   "use strict";
   var GROUND = ["#cdb58c", "#8fa3ad", "#5b6570", "#a7b08a", "#b48a78", "#7a8fb0"];
-  var MAPS = { ppv: ["#fff7dc", "#fbd277", "#f08a2c", "#c2410c", "#7c1d0a"],
+  var HEAT = ["#fff7dc", "#fbd277", "#f08a2c", "#c2410c", "#7c1d0a"];
+  var MAPS = { ppv: HEAT, share: HEAT, misfit: HEAT,
                other: ["#440154", "#46327e", "#365c8d", "#277f8e", "#1fa187", "#4ac16d", "#a0da39", "#fde725"] };
-  var PLANE = { fault: [185, 28, 28], joint: [71, 85, 105] }, RECEIVER = "#1d4ed8", OVER = "#b91c1c", REMOVABLE = [126, 34, 206], WHITE = [255, 255, 255];
+  var PLANE = { fault: [185, 28, 28], joint: [71, 85, 105], named: [192, 38, 211] }, KIND = { fault: "fault", joint: "joint", named: "joint named by the diagnosis" }, RECEIVER = "#1d4ed8", OVER = "#b91c1c", REMOVABLE = [126, 34, 206], WHITE = [255, 255, 255];
   var PICK = 14, TEXELS = 1024, FAINT = 0.5, APART = 13, FAR = 1e9;  // px; of a colour map; of what is hidden; px between labels; m
 
   function rgb(hex) { return [1, 3, 5].map(function (k) { return parseInt(hex.slice(k, k + 2), 16); }); }
@@ -160,14 +161,12 @@
       return made;
     });
   }
-  function linesOf(places, wide, paint, planes, seen) {
+  // Segments between pairs of places, in one colour or one for each place.
+  function linesOf(places, wide, colours, planes, seen) {
+    var paint = Array.from(places, function (_, k) { return (colours.length > 3 ? colours[k] : colours[k % 3]) / 255; });
     function make(how) {
-      var geometry = new THREE.LineSegmentsGeometry().setPositions(places);
-      if (paint.length === places.length) geometry.setColors(paint.map(function (v) { return v / 255; }));
-      var material = new THREE.LineMaterial(Object.assign({ linewidth: wide, clippingPlanes: planes, polygonOffset: true, polygonOffsetUnits: -8000 }, how));
-      if (paint.length === places.length) material.vertexColors = true;
-      else material.color.setRGB(paint[0] / 255, paint[1] / 255, paint[2] / 255);
-      return new THREE.LineSegments2(geometry, material);
+      var geometry = new THREE.LineSegmentsGeometry().setPositions(places).setColors(paint);
+      return new THREE.LineSegments2(geometry, new THREE.LineMaterial(Object.assign({ linewidth: wide, vertexColors: true, clippingPlanes: planes, polygonOffset: true, polygonOffsetUnits: -8000 }, how)));
     }
     var drawn = seen ? [make({})] : twice(make);
     if (seen) drawn[0].renderOrder = 3;
@@ -176,7 +175,7 @@
   function pointsOf(marks, size, symbol) {
     var canvas = document.createElement("canvas"), pen = canvas.getContext("2d");
     canvas.width = canvas.height = 64;
-    pen.fillStyle = "#fff"; pen.strokeStyle = "#fff"; pen.lineWidth = 7; pen.lineJoin = "round";
+    pen.fillStyle = "#fff"; pen.strokeStyle = "#222"; pen.lineWidth = 4; pen.lineJoin = "round";
     symbol(pen);
     var texture = new THREE.CanvasTexture(canvas), geometry = new THREE.BufferGeometry();
     geometry.setAttribute("position", new THREE.BufferAttribute(new Float32Array([].concat.apply([], marks.map(function (m) { return m.at; }))), 3));
@@ -187,9 +186,10 @@
       return points;
     });
   }
-  function disc(pen) { pen.beginPath(); pen.arc(32, 32, 28, 0, 7); pen.fill(); }
-  function cone(pen) { pen.beginPath(); pen.moveTo(32, 34); pen.lineTo(16, 4); pen.lineTo(48, 4); pen.closePath(); pen.fill(); }
+  function disc(pen) { pen.beginPath(); pen.arc(32, 32, 28, 0, 7); pen.fill(); pen.stroke(); }
+  function cone(pen) { pen.beginPath(); pen.moveTo(32, 34); pen.lineTo(16, 4); pen.lineTo(48, 4); pen.closePath(); pen.fill(); pen.stroke(); }
   function star(pen) {
+    pen.strokeStyle = "#fff"; pen.lineWidth = 7;
     for (var k = 0; k < 4; k++) {
       var x = 28 * Math.cos(k * Math.PI / 4), y = 28 * Math.sin(k * Math.PI / 4);
       pen.beginPath(); pen.moveTo(32 - x, 32 - y); pen.lineTo(32 + x, 32 + y); pen.stroke();
@@ -238,7 +238,7 @@
       var ground = part.kind === "ground", how = { side: THREE.DoubleSide, clippingPlanes: model.sides, polygonOffset: true, polygonOffsetUnits: 2000 };
       part.mesh = meshOf(part, ground ? counted(live, THREE.DecrementWrapStencilOp) : how);
       part.drawn = [part.mesh];
-      if (!ground && part.triangles.length) part.drawn = part.drawn.concat(linesOf(edgesOf(part), part.kind === "fault" ? 3 : 1, PLANE[part.kind], model.sides, true));
+      if (!ground && part.triangles.length) part.drawn = part.drawn.concat(linesOf(edgesOf(part), part.kind === "joint" ? 1 : 3, PLANE[part.kind], model.sides, true));
       world.add.apply(world, part.drawn);
     });
     var front = model.parts[0].mesh, back = insideOf(model.parts[0], front, counted(live, THREE.IncrementWrapStencilOp)), caps = live.map(function (plane, n) {
@@ -259,23 +259,47 @@
       if (first) labels.unshift(made);
       else labels.push(made);
       world.add(made);
+      return element;
     }
     function stand(rows, size, symbol) {
       marks = marks.concat(rows);
-      if (!rows.length) return;
+      if (!rows.length) return null;
       var made = pointsOf(rows, size, symbol);
       symbols.push(made[1]);
       world.add.apply(world, made);
+      return made[1];
     }
+    var posts = Object.keys(scene.receivers).map(function (name) {
+      var r = scene.receivers[name];
+      return { at: local(r.position), name: name, values: r.values, azimuth: r.azimuth, colour: rgb(r.over ? OVER : RECEIVER), words: "receiver " + name, rows: r.rows };
+    }), stood = null;
     function receivers() {
       var arrows = [];
-      stand(Object.keys(scene.receivers).map(function (name) {
-        var r = scene.receivers[name], at = local(r.position);
-        label(at, name, true);
-        if (r.azimuth !== null && r.azimuth !== undefined) arrows.push(at[0], at[1], at[2], at[0] + 0.06 * size * Math.sin(r.azimuth), at[1] + 0.06 * size * Math.cos(r.azimuth), at[2]);
-        return { at: at, colour: rgb(r.over ? OVER : RECEIVER), words: "receiver " + name, rows: r.rows };
-      }), 30, cone);
+      stood = stand(posts, 30, cone);
+      posts.forEach(function (r) {
+        r.label = label(r.at, r.name, true);
+        if (r.azimuth !== null && r.azimuth !== undefined) arrows.push(r.at[0], r.at[1], r.at[2], r.at[0] + 0.06 * size * Math.sin(r.azimuth), r.at[1] + 0.06 * size * Math.cos(r.azimuth), r.at[2]);
+      });
       if (arrows.length) world.add.apply(world, linesOf(arrows, 2, rgb(RECEIVER), []));
+    }
+    function paintReceivers(key) {
+      posts.forEach(function (r, n) {
+        var value = r.values[key], known = value !== undefined;
+        stood.geometry.attributes.color.array.set(known ? scales[key].of(value) : r.colour, 3 * n);
+        r.label.textContent = r.name + (known ? " " + short(value) + " " + scene.fields[key].unit : "");
+      });
+      if (stood) stood.geometry.attributes.color.needsUpdate = true;
+    }
+    // Where residuals come from: a ring on the ground as wide as it is known.
+    function located(point) {
+      var at = local([point.x, point.y, 0]), ring = [], k;
+      caster.set(new THREE.Vector3(at[0], at[1], model.whole[1][2] + size), new THREE.Vector3(0, 0, -1));
+      var below = caster.intersectObject(front, false)[0], height = below ? below.point.z : model.high[2];
+      for (k = 0; k < 72; k++) [k, k + 1].forEach(function (n) {
+        ring.push(at[0] + 0.5 * point.resolution_m * Math.cos(n * Math.PI / 36), at[1] + 0.5 * point.resolution_m * Math.sin(n * Math.PI / 36), height);
+      });
+      world.add.apply(world, linesOf(ring, 3, PLANE.named, []));
+      label([at[0], at[1], height], "the residual comes from here", true);
     }
     function holes() {
       var bores = [], charges = [], paint = [];
@@ -293,6 +317,7 @@
     holes();
     stand(scene.sources.map(function (at, n) { return { at: local(at), colour: rgb(OVER), words: "source " + (n + 1), rows: [] }; }), 16, star);
     receivers();
+    scene.located.forEach(located);
     model.parts.forEach(function (part) {
       var best = 0, k, xyz = part.xyz;
       if (part.kind === "ground" || part.kind === "joint" && part.told.area < 0.02 * size * size) return;
@@ -326,7 +351,7 @@
     Object.keys(scene.fields).forEach(function (key) { fields.push([key, scene.fields[key].label + (scene.fields[key].unit ? " [" + scene.fields[key].unit + "]" : "")]); });
     var field = choice("colour", fields, function () { stop(); paint(); });
     field.className = "field";
-    field.value = scene.fields.ppv ? "ppv" : "material";
+    field.value = ["misfit", "ppv", "material"].filter(function (key) { return key === "material" || scene.fields[key]; })[0];
     var looks = [["", "look …"], ["above", "from above"], ["south", "from the south"], ["east", "from the east"], ["corner", "from a corner"]];
     if (scene.wall !== null) looks.push(["wall", "at the wall"], ["along", "along the wall"]);
     model.parts.forEach(function (part, n) { if (part.kind !== "ground") looks.push(["plane" + n, "along " + part.name]); });
@@ -368,6 +393,7 @@
     function paint() {
       var key = field.value;
       model.parts.forEach(function (part) { colour(part.mesh, part, key, key === "speed" ? "speed" + frame : key, scales[key]); });
+      paintReceivers(key);
       clock.textContent = frame === null ? "" : scene.times[frame].toFixed(3) + " s";
       keys();
     }
@@ -458,8 +484,8 @@
         legend.append(shown.unit + (shown.unit ? ", " : "") + "up to " + short(shown.high));
       } else scene.groups.forEach(function (name, n) { one(GROUND[n % GROUND.length], name); });
       if (key === "removable") one(css(REMOVABLE), "could move out past its joints");
-      ["fault", "joint"].forEach(function (kind) {
-        if (model.parts.some(function (part) { return part.kind === kind; })) one(css(PLANE[kind]), kind);
+      Object.keys(PLANE).forEach(function (kind) {
+        if (model.parts.some(function (part) { return part.kind === kind; })) one(css(PLANE[kind]), KIND[kind]);
       });
     }
 
@@ -479,7 +505,7 @@
         if (hit && (!best || hit.distance < best[1].distance)) best = [part, hit];
       });
       if (!best) { readout.textContent = "Nothing is there."; return; }
-      var part = best[0], hit = best[1], at = hit.point.toArray(), words = [(part.kind === "ground" ? "" : part.kind + " ") + part.name + " at " + places(at)];
+      var part = best[0], hit = best[1], at = hit.point.toArray(), words = [(part.kind === "ground" ? "" : KIND[part.kind] + " ") + part.name + " at " + places(at)];
       var shown = scene.fields[field.value], texel = shown && !hit.inside ? shareOf(hit.uv.x) : null, side = part.kind === "ground" && sideAt(at);
       if (part.kind === "ground") words.push(scene.groups[part.ofTriangle.group[hit.faceIndex]]);
       if (texel !== null) words.push(shown.label + " " + short(valueOf(shown, texel)) + " " + shown.unit);
