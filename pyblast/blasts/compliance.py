@@ -209,7 +209,11 @@ def assess_all(
     """
     rows = (
         assess(
-            motion, key, kind=kind, window=windows.get(receiver), receiver=receiver,
+            motion,
+            key,
+            kind=kind,
+            window=windows.get(receiver),
+            receiver=receiver,
             error=errors.get(receiver) if kind == "simulated" else None,
             transfer=transfers.get(receiver) if kind == "simulated" else None,
         )

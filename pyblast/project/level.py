@@ -210,9 +210,7 @@ def simulated_peaks(
         ppv = peak_of(simulated[receiver.name])
         if complete or ppv > (predicted or math.inf):
             crest = on_crest(project.config.mesh.benches, receiver.position)
-            peaks.append(
-                Peak(receiver.name, ppv, plausible, predicted=predicted, on_crest=crest)
-            )
+            peaks.append(Peak(receiver.name, ppv, plausible, predicted=predicted, on_crest=crest))
         if receiver.name in project.recorded:
             recorded = peak_of(project.recorded[receiver.name])
             peaks.append(Peak(f"{receiver.name}, recorded", recorded, plausible, True))
@@ -223,11 +221,11 @@ def on_crest(benches, position) -> bool:
     """Tell whether a position (3,) m stands within the height of a bench of its crest, in plan."""
     for bench in benches:
         if bench.crest_m is not None and bench.height_m is not None:
-            crest, place = np.array(bench.crest_m)[:, :2], np.asarray(position)[:2]
+            crest, plan = np.array(bench.crest_m)[:, :2], np.asarray(position)[:2]
             start, along = crest[:-1], np.diff(crest, axis=0)
-            share = np.sum((place - start) * along, axis=1) / np.sum(along**2, axis=1)
+            share = np.sum((plan - start) * along, axis=1) / np.sum(along**2, axis=1)
             foot = start + np.clip(share, 0.0, 1.0)[:, None] * along
-            if np.linalg.norm(foot - place, axis=1).min() < bench.height_m:
+            if np.linalg.norm(foot - plan, axis=1).min() < bench.height_m:
                 return True
     return False
 

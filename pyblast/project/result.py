@@ -566,8 +566,9 @@ def too_symmetric(simulated):
             shares[name] = float(across / along)
             low, high = (1e3 * math.hypot(record.pvs, share * along) for share in (0.5, 1.0))
             floors.append(
-                f"{name} {100.0 * shares[name]:.0f} % (vector sum {plain_number(1e3 * record.pvs)}, "
-                f"with it {plain_number(low)} to {plain_number(high)} mm/s)"
+                f"{name} {100.0 * shares[name]:.0f} % (vector sum "
+                f"{plain_number(1e3 * record.pvs)}, with it {plain_number(low)} to "
+                f"{plain_number(high)} mm/s)"
             )
     if not shares:
         return None

@@ -231,7 +231,7 @@ class Stability:
             joint.surface: self._joint(number, joint, run)
             for number, joint in enumerate(self.observer.joints)
         }
-        blocks = [self._block(k, block, run) for k, block in enumerate(self.blocks)]
+        blocks = [self._block(k, block) for k, block in enumerate(self.blocks)]
         return {"sentence": sentence(joints, blocks), "joints": joints, "blocks": blocks}
 
     def arrays(self) -> dict[str, dict[str, np.ndarray]]:
@@ -299,7 +299,7 @@ class Stability:
             "share_below_margin": float(peak.share_below(max(margin, 1e-9))),
         }  # fmt: skip
 
-    def _block(self, number, block, run):
+    def _block(self, number, block):
         """Return safety of a block at rest and in the blast, and how far it slides by Newmark."""
         observer = self.observer
         mode = sliding_mode(block.planes, block.mass * GRAVITY * np.array([0.0, 0.0, -1.0]))

@@ -343,16 +343,15 @@ def _slip_figures(result):
     contacts, names = result.arrays.get("contacts", {}), list(joints)
     for name in moved[:MOST_JOINTS]:
         low, high = np.array(result.summary["extent"]).T
-        position = contacts["place"]
-        here = (contacts["joint"] == names.index(name)) & ((position >= low) & (position <= high)).all(1)
+        position, slip = contacts["place"], contacts["largest_slip"]
+        inside = ((position >= low) & (position <= high)).all(axis=1)
+        here = inside & (contacts["joint"] == names.index(name))
         yield (
             f"Slip of {name}",
             "Left the largest slip of each contact on the plane, then the largest slip and opening "
             "of all and the factor of safety of the whole against sliding.",
             ("joints", "insitu"),
-            figures.slip_figure(
-                position[here], contacts["largest_slip"][here], result.arrays["joint_histories"][name]
-            ),
+            figures.slip_figure(position[here], slip[here], result.arrays["joint_histories"][name]),
         )
 
 

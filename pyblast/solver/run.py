@@ -273,7 +273,8 @@ class _Integration:
         )
         self.motion, self.energy, self.peak = (records[n] for n in ("motion", "energy", "peak"))
         if self.observer is not None:
-            self.observer.records = {name: records[f"joints_{name}"] for name in self.observer.records}
+            names = self.observer.records
+            self.observer.records = {name: records[f"joints_{name}"] for name in names}
 
     def result(self, wall_seconds):
         """Return the result of the run."""

@@ -180,3 +180,19 @@ def test_free_ground_beside_a_limit_of_the_building_is_said():
     assert "USBM" not in found.text
     assert free_field(["usbm_plaster"], ["house"]) is None
     assert free_field(["din_4150_dwelling"], []) is None
+
+
+def test_a_spectrum_that_decides_otherwise_is_said():
+    row = assess(sines((0.004, 20.0), (0.0, 1.0), (0.0, 1.0)), "din_4150_dwelling").table()
+
+    alike, apart = (
+        conclusion(
+            [row | {"peak": 6e-3, "share": 0.6, "limit": 0.01, "spectral_limit": limit}], True
+        )
+        for limit in (0.008, 0.005)
+    )
+
+    assert row["spectral_frequency"] == pytest.approx(20.0, rel=0.02)
+    assert row["spectral_limit"] == pytest.approx(row["limit"], rel=0.02)
+    assert "spectrum" not in alike
+    assert "the limit is 5 mm/s and the share 120 % of it" in apart

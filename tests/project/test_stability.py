@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from slipping_box import sheared
 
 from pyblast.mesh.builder import structured_box
 from pyblast.model.boundary import Viscous
@@ -20,7 +21,6 @@ from pyblast.project.stability import (
 from pyblast.solver.preparation import prepare
 from pyblast.solver.run import simulate
 from pyblast.solver.slip import JointObserver
-from slipping_box import sheared
 from verification.columns import ROCK
 
 DOWN = np.array([0.0, 0.0, -1.0])
@@ -37,7 +37,9 @@ def upward(dip_deg, direction_deg):
 def test_a_block_on_a_slope_has_the_safety_of_the_text_book(dip, cohesion):
     weight, area, friction, slope = 3e6, 40.0, math.tan(math.radians(30.0)), math.radians(dip)
 
-    found = sliding_mode([JointFace("F1", upward(dip, 90.0), area, cohesion, friction)], weight * DOWN)
+    found = sliding_mode(
+        [JointFace("F1", upward(dip, 90.0), area, cohesion, friction)], weight * DOWN
+    )
 
     held = cohesion * area + weight * math.cos(slope) * friction
     assert found.factor == pytest.approx(held / (weight * math.sin(slope)), rel=1e-12)

@@ -5,11 +5,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from slipping_box import sheared
 
 from pyblast.model.joint import Joint
 from pyblast.solver.run import simulate
 from pyblast.solver.slip import run_with_slip, slip_factors
-from slipping_box import sheared
 
 NORMAL = np.array([[1.0, 0.0, 0.0]])
 
