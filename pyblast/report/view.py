@@ -117,7 +117,8 @@ def with_diagnosis(shown: dict, misfits: dict, planes: dict, located: list) -> d
     dict
     """
     field = _field("misfit", np.array(list(misfits.values())))
-    parts = [part | {"kind": "named"} if part["name"] in planes else part for part in shown["parts"]]
+    parts = [part | {"kind": "named"} if part["name"] in planes else part
+             for part in shown["parts"]]  # fmt: skip
     for name in planes.keys() - {part["name"] for part in parts}:
         parts.append(_packed(_outlined(name, planes[name]), {}, shown["low"], shown["step"]))
     receivers = {

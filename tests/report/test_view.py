@@ -132,7 +132,8 @@ def test_a_thinned_view_keeps_the_largest_value_and_says_what_it_lost(result, mo
 
     held = [[p["points"], p["triangles"], *p["of_point"].values(), *p["of_triangle"].values()]
             for p in thinned["parts"]]  # fmt: skip
-    assert 1500 < len("".join(each for part in held for each in part)) < 3040  # texts end in full groups of four letters
+    # texts end in full groups of four letters
+    assert 1500 < len("".join(each for part in held for each in part)) < 3040
     assert thinned["triangles"] < whole["triangles"]
     assert f"of {whole['triangles']}: what is smaller than" in thinned["said"]
     assert thinned["fields"]["ppv"]["high"] == whole["fields"]["ppv"]["high"]
