@@ -161,7 +161,7 @@ def run(
     checked = check(project, measure=False)
     prepared = preparation.prepare(model, project.duration, progress)
     stability = None
-    if model.nodes.contacts is not None:
+    if model.joints:
         stability = Stability(project, prepared, checked.summary.removable > 0)
 
     def unfinished(folder: Path) -> bool:
