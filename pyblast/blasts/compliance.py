@@ -4,7 +4,7 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from types import MappingProxyType
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -135,48 +135,73 @@ def assess(
     >>> row.quantity, round(row.frequency, 1), round(1e3 * row.limit, 2), round(row.share, 2)
     ('east', 10.0, 5.0, 0.74)
     """
-    curve = load_limits()[key]
+    curve, factor = load_limits()[key], 1.0
     if curve.applies_to in BUILDING and transfer is not None:
-        motion = replace(motion, velocity=transfer * motion.velocity)
-    else:
-        transfer = 1.0
+        factor = transfer
+    peaks = ComponentPeaks(
+        motion.components, factor * motion.ppv, zero_crossing_frequency(motion).hz,
+        factor * motion.pvs,
+    )  # fmt: skip
+    name = motion.label if receiver is None else receiver
+    row = assess_peaks(peaks, key, name, kind, window=window, error=error)
+    if row is None:
+        return None
+    component = row.quantity
+    if component == SUM:
+        component = motion.components[int(np.nanargmax(motion.ppv))]
+    hz = float(dominant_frequency(motion).hz[motion.components.index(component)])
+    limit = math.nan if math.isnan(hz) else limit_at(curve, hz)
+    return replace(row, transfer=factor, spectral_frequency=hz, spectral_limit=limit)
+
+
+class ComponentPeaks(NamedTuple):
+    """ComponentPeaks of a motion: components, m/s, frequencies in Hz, and the vector sum in m/s."""
+
+    components: Sequence[str]
+    ppv: Sequence[float] | np.ndarray
+    hz: Sequence[float] | np.ndarray
+    pvs: float
+
+
+def assess_peaks(
+    peaks: ComponentPeaks,
+    key: str,
+    receiver: str,
+    kind: str,
+    *,
+    window: tuple[float, float] | None = None,
+    error: tuple[PeakDistribution, str] | None = None,
+) -> Assessment | None:
+    """Compare peaks whose motion need not be at hand with a limit curve, as `assess`."""
+    curve = load_limits()[key]
     distance, charge = window or (math.nan, math.nan)
     above = math.nan if error is None else float(error[0].level(LEVEL))
     rows = [
         Assessment(
-            motion.label if receiver is None else receiver, kind, key, name, size, hz,
-            limit_at(curve, hz), motion.pvs, distance, charge, above * size,
-            "" if error is None else error[1], transfer,
+            receiver, kind, key, name, size, hz, limit_at(curve, hz), float(peaks.pvs), distance,
+            charge, above * size, "" if error is None else error[1],
         )
-        for name, size, hz in peaks_under(motion, curve.quantity)
+        for name, size, hz in peaks_under(peaks, curve.quantity)
         if size > 0.0
     ]  # fmt: skip
     known = [row for row in rows if not math.isnan(row.limit)]
-    worst = max(known or rows, key=lambda row: row.share if known else row.peak, default=None)
-    if worst is None:
-        return None
-    name = worst.quantity
-    if name == SUM:
-        name = motion.components[int(np.nanargmax(motion.ppv))]
-    hz = float(dominant_frequency(motion).hz[motion.components.index(name)])
-    limit = math.nan if math.isnan(hz) else limit_at(curve, hz)
-    return replace(worst, spectral_frequency=hz, spectral_limit=limit)
+    return max(known or rows, key=lambda row: row.share if known else row.peak, default=None)
 
 
-def peaks_under(motion: Seismogram, quantity: str) -> list[tuple[str, float, float]]:
+def peaks_under(peaks: ComponentPeaks, quantity: str) -> list[tuple[str, float, float]]:
     """Return name, peak in m/s and frequency in Hz of what a curve for a quantity limits."""
-    hz, peaks = zero_crossing_frequency(motion).hz, motion.ppv
+    rows = [
+        (name, float(peak), float(f))
+        for name, peak, f in zip(peaks.components, peaks.ppv, peaks.hz, strict=True)
+        if not np.isnan(peak)
+    ]
     if quantity == SUM:
-        return [(SUM, float(motion.pvs), float(hz[np.nanargmax(peaks)]))]
+        return [(SUM, float(peaks.pvs), max(rows, key=lambda row: row[1])[2])]
     limited = {
         "vertical component": {"vertical"},
-        "horizontal component": {*motion.components} - {"vertical"},
-    }.get(quantity, {*motion.components})
-    return [
-        (name, float(peak), float(f))
-        for name, peak, f in zip(motion.components, peaks, hz, strict=True)
-        if name in limited and not np.isnan(peak)
-    ]
+        "horizontal component": {*peaks.components} - {"vertical"},
+    }.get(quantity, {*peaks.components})
+    return [row for row in rows if row[0] in limited]
 
 
 def limit_at(curve: LimitCurve, frequency: float) -> float:

@@ -141,7 +141,7 @@ def test_an_interrupted_run_goes_on_with_what_its_joints_did(tmp_path):
     model, path = sheared(0.4), tmp_path / "checkpoint.h5"
     whole, _ = watched(model)
 
-    def stop(stage, done, total):
+    def stop(_, done, total):
         if done > total // 2:
             raise KeyboardInterrupt
 
