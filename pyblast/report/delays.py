@@ -67,10 +67,9 @@ def _kept(houses):
     worst = max(houses, key=lambda house: house["after"]["high"] / house["limit"])
     reached = f"{1e3 * worst['after']['high']:.3g} of {1e3 * worst['limit']:.3g} mm/s"
     at = f"{worst['name']}, where 95 % of blasts stay below {reached}{_by(worst)}"
-    kept = worst["after"]["high"] <= worst["limit"]
-    return f"the best plan keeps the limits, nearest at {at}" if kept else (
-        f"no plan keeps the limit at {at}"
-    )  # fmt: skip
+    if worst["after"]["high"] <= worst["limit"]:
+        return f"the best plan keeps the limits, nearest at {at}"
+    return f"no plan keeps the limit at {at}"
 
 
 def _by(house):
