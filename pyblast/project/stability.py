@@ -151,7 +151,7 @@ def newmark(velocity: np.ndarray, dt: float, resistance: float) -> np.ndarray:
     return slid
 
 
-def removable_blocks(model: Model, free: tuple[str, ...] = ("top",)) -> list[Block]:
+def loose_blocks(model: Model, free: tuple[str, ...] = ("top",)) -> list[Block]:
     """Return the heaviest blocks that can leave through free surfaces past their joints.
 
     Parameters
@@ -213,7 +213,7 @@ class Stability:
     def __init__(self, project: Project, prepared: Prepared, blocks: bool):
         self.project = project
         free = ("top", *project.config.boundaries.free)
-        self.blocks = removable_blocks(project.model, free) if blocks else []
+        self.blocks = loose_blocks(project.model, free) if blocks else []
         self.observer = JointObserver(
             project.model, prepared, project.shot.highest_frequency, box=extent_of(project),
             followed=[block.base for block in self.blocks],

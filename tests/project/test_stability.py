@@ -13,8 +13,8 @@ from pyblast.model.joint import Joint
 from pyblast.model.model import Model
 from pyblast.project.stability import (
     JointFace,
+    loose_blocks,
     newmark,
-    removable_blocks,
     sentence,
     sliding_mode,
 )
@@ -100,7 +100,7 @@ def test_a_plate_on_a_joint_is_a_removable_block_with_its_mass_and_seat():
     own = {"kn": 2e9, "ks": 1e9, "cohesion": 1e4, "friction": 0.5, "tension": 0.0}
     model = Model(mesh, {"rock": ROCK}, [Joint("J", "coulomb", own)], [Viscous("bottom")])
 
-    (block,) = removable_blocks(model, ("top", "west", "east", "south", "north"))
+    (block,) = loose_blocks(model, ("top", "west", "east", "south", "north"))
 
     assert block.volume == pytest.approx(8.0 * 6.0 * 2.0)
     assert block.mass == pytest.approx(ROCK.density * block.volume)
@@ -109,7 +109,7 @@ def test_a_plate_on_a_joint_is_a_removable_block_with_its_mass_and_seat():
     assert (plane.joint, plane.area) == ("J", pytest.approx(48.0))
     assert (plane.cohesion, plane.friction) == (1e4, 0.5)
     assert model.nodes.points[block.base, 2] == pytest.approx(6.0)
-    assert removable_blocks(model, ("top",)) == []
+    assert loose_blocks(model, ("top",)) == []
 
 
 def watched(model, duration=0.1):
