@@ -32,7 +32,8 @@ COLOURS = 160  # of a picture
 TIMED = """var canvas = document.querySelector(".view canvas"), gl = canvas.getContext("webgl2");
 gl.readPixels(0, 0, 1, 1, gl.RGBA, gl.UNSIGNED_BYTE, new Uint8Array(4));
 var said = document.querySelector(".view summary").textContent;
-document.title = JSON.stringify([performance.now(), said, document.querySelector(".view .readout").textContent]);"""
+var hint = document.querySelector(".view .readout").textContent;
+document.title = JSON.stringify([performance.now(), said, hint]);"""
 ALONE = """document.body.replaceChildren(document.querySelector(".view"));
 Object.entries(%s).forEach(function (one) {
   var select = document.querySelector(".view ." + one[0]);
@@ -50,7 +51,7 @@ def main(cases):
             seconds, processor, said = measured(Path(folder), text)
             size = len(text.encode()) / 1e6
             rows.append(f"| {name} | {said} | {size:.2f} | {seconds:.1f} | {processor:.1f} |")
-            print(rows[-1], flush=True)
+            sys.stdout.write(f"{rows[-1]}\n")
             for width, ending in ((1400, ""), (390, "_telephone")):
                 picture(Path(folder), text, width, SHOWN.get(name, {}), f"{name}{ending}")
     known = PAGE.read_text(encoding="utf-8")
