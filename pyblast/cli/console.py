@@ -26,6 +26,7 @@ from typer import Exit
 
 from ..errors import INTERRUPTED, SOLVER_FAILED, WRONG_INPUT, PyblastError, SolverError
 from ..readers.provenance import input_lines
+from ..units import in_minutes
 
 if TYPE_CHECKING:
     from ..back_analysis.search import BackAnalysis
@@ -45,7 +46,6 @@ STAGES = {
     "mesh": "mesh",
     "check": "checks",
     "step": "search for the time step",
-    "timing": "timing of a few steps",
     "static": "initial stress",
     "dynamic": "time steps",
     "trials": "runs of the search",
@@ -217,7 +217,7 @@ class Progress:
                 self._task = self._bar.add_task(name, total=total)
         if self._bar is not None and self._task is not None:
             self._bar.update(self._task, completed=done, total=total)
-        elif total > 1 and done / total >= self._shown + 0.1:
+        elif (total > 1 or 0.0 < done < total) and done / total >= self._shown + 0.1:
             self._shown = done / total
             spent = time.perf_counter() - self._began
             rest = spent * (total - done) / (done - self._first) if done > self._first else None
@@ -254,13 +254,15 @@ def show_model_summary(summary: "ModelSummary") -> None:
         f"time step {1e3 * summary.dt:.3g} ms, limited by {summary.limited_by}; "
         f"{summary.steps} steps"
     )
-    if summary.seconds is not None:
-        say(f"estimated time {summary.seconds:.0f} s, without the initial stress")
+    say(f"estimated time {in_minutes(summary.seconds / 60.0)}, without the initial stress")
 
 
 def show_check(check: "Check") -> None:
     """Print the size of the model, the notes on the holes, and every finding."""
-    show_model_summary(check.summary)
+    if check.summary is None:
+        say(f"{check.cost}: no mesh was built")
+    else:
+        show_model_summary(check.summary)
     show_ground(check.ground_as_built)
     for note in check.notes:
         say(f"- {note}")
@@ -378,7 +380,10 @@ def show_outcome(outcome: "Outcome") -> None:
         plausible = plausible_of_table(tables[name])
         range_ = "" if plausible is None else f"; plausible {plausible}"
         say(f"{name}: PPV in mm/s {listed}; vector sum {_short(1e3 * seismogram.pvs)}{range_}")
-    say(f"limits: {outcome.result.summary['compliance']['conclusion']}")
+    summary = outcome.result.summary
+    if summary["stability"]:
+        say(f"joints: {summary['stability']['sentence']}")
+    say(f"limits: {summary['compliance']['conclusion']}")
     for name, comparison in outcome.comparisons.items():
         say(f"{name}, recorded and simulated{_band_words(comparison)}:")
         show_comparison(comparison)

@@ -7,6 +7,7 @@ level reference the nodes move along the lines of the grid up to a surveyed surf
 stay plane. A grid without slopes is a plain grid. Source: Gordon & Hall (1973).
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise, permutations
@@ -401,6 +402,25 @@ def build_mapped(
     return meshes[0] if len(meshes) == 1 else min(meshes, key=explicit_work)
 
 
+def grid_lines(geometry: Geometry, sizes: Sizes, order: int) -> list[np.ndarray]:
+    """Return the coordinates in m along the axes of the first mapped grid that serves, no mesh.
+
+    Those of the absorbing layer are among them. Of ground without a surveyed surface.
+
+    Raises
+    ------
+    NotMapped
+        If no grid serves.
+    """
+    planes, reasons = planes_of(geometry), []
+    for frame in _frames(geometry, planes):
+        try:
+            return _Grid(geometry, planes, edge_pairs(sizes), order, frame, None, None).axes
+        except NotMapped as reason:
+            reasons.append(reason)
+    raise reasons[0]
+
+
 def is_plain(geometry: Geometry) -> bool:
     """Tell whether all planes of a geometry lie along the axes, and so its grid has no slopes."""
     parts = [fault.unit_normal for fault in geometry.faults]
@@ -643,7 +663,7 @@ class _Grid:
         """Return the mesh."""
         order = self.order
         counts = [len(axis) for axis in self.axes]
-        count = np.prod([n - 1 for n in counts]) * order**3
+        count = math.prod(n - 1 for n in counts) * order**3
         refuse_beyond_memory(f"mesh: a grid of {count} nodes of hexahedra", count * BYTES_PER_NODE)
         i, j, k = (part.ravel() for part in np.meshgrid(
             *(np.arange(n - 1) for n in counts), indexing="ij"
