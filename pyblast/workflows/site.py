@@ -34,7 +34,7 @@ from ..signals.comparison import load_limits
 from ..solver.preparation import versions
 from . import Progress, csv_table, silent, write_tables
 
-RESULT, REPORT, STORE = "site.json", "report.html", "parsed.json"
+OUT, RESULT, REPORT, STORE = "site", "site.json", "report.html", "parsed.json"
 READING = ("recordings", "readers", "signals", "line_records")  # code on which a parse depends
 TABLES = (".csv", ".txt", ".xlsx", ".xlsm")
 KEEP_EVERY = 50  # files after which what was parsed is kept
@@ -90,7 +90,7 @@ def learn_site(
         raise InputError(f"limit curve: one of {', '.join(load_limits())}, got {limit_curve!r}")
     if air_limit is not None and not air_limit > 0.0:
         raise InputError(f"air limit: must be positive, got {air_limit:g} Pa")
-    out, log = folder / "site" if out is None else Path(out), ReadLog()
+    out, log = folder / OUT if out is None else Path(out), ReadLog()
     tables = [_table_of(folder, name) for name in ("blasts", "stations")]
     blasts, stations = read_log(tables[0], log), read_stations_of(tables[1], log)
     used = {*tables, *(folder / blast.holes for blast in blasts if blast.holes)}
@@ -143,9 +143,10 @@ def _table_of(folder: Path, name: str) -> Path:
 
 def _parsed(folder: Path, out: Path, used: set[Path], tell: Progress):
     """Return the peaks of all records, refused files with reasons, and the hash of all files."""
+    ours = {out.resolve(), (folder / OUT).resolve()}
     paths = [
         path for path in sorted(folder.rglob("*"))
-        if path.is_file() and path not in used and out not in path.parents
+        if path.is_file() and path not in used and ours.isdisjoint(path.resolve().parents)
         and not any(part.startswith(".") for part in path.relative_to(folder).parts)
     ]  # fmt: skip
     code = code_hash(READING)

@@ -142,6 +142,27 @@ def test_a_limit_of_a_share_of_blasts_is_judged(quarry):
         assert call("site", quarry, *wrong).exit_code == 2
 
 
+def test_one_vertical_channel_at_one_station_without_charges_is_still_compared(quarry):
+    for path in (quarry / "records").iterdir():
+        if path.name.startswith("farm"):
+            head, rows = path.read_text().split('"Tran","Vert","Long"\n')
+            body = "\n".join(line.split(",")[1] for line in rows.splitlines())
+            path.write_text(f'{head}"Vert"\n{body}\n')
+        else:
+            path.unlink()
+    lines = (quarry / "blasts.csv").read_text().splitlines()
+    (quarry / "blasts.csv").write_text("\n".join(line.rsplit(",", 2)[0] for line in lines) + "\n")
+
+    done = call("site", quarry)
+
+    assert done.exit_code == 0, done.output
+    summary = json.loads((quarry / "site" / "site.json").read_text())
+    assert len(summary["records"]) == 24
+    assert all(row["quantity"] == "vertical" for row in summary["records"])
+    assert "at least 6 are needed" in summary["law"]["refused"]
+    assert summary["changes"] == summary["forecasts"] == []
+
+
 def test_air_overpressure_has_its_law_and_limit(quarry):
     for path in (quarry / "records").iterdir():
         head, rows = path.read_text().split('"Tran","Vert","Long"\n')
