@@ -11,7 +11,8 @@ import numpy as np
 
 from ..blasts.compliance import assess_peaks, limit_at
 from ..blasts.peaks import LEVEL
-from ..blasts.site_law import fit_site_law
+from ..blasts.published_laws import HARD_ROCK
+from ..blasts.site_law import fit_site_law, site_law_of_exponent
 from ..errors import InputError, PyblastError, ReadError
 from ..line_records.changes import StepChange, changes, residuals
 from ..line_records.field_records import NOT_RECORDS
@@ -260,15 +261,19 @@ def law_of(site: Joined, exponent: float, quantity: str) -> dict:
     trigger = np.array([station.trigger for station in site.stations])
     peak = np.where(below, trigger, peak)
     known = np.isfinite(peak) & np.isfinite(distance) & np.isfinite(charge) & (distance > 0.0)
+    rows, fixed = (distance[known], charge[known], peak[known]), ""
     try:
-        law = fit_site_law(distance[known], charge[known], peak[known], exponent, below[known])
+        law = fit_site_law(*rows, exponent, below[known])
     except InputError as error:
-        return {"refused": str(error)}
+        fixed, seen = str(error), ~below[known]
+        if quantity != "largest" or seen.sum() < FEWEST:
+            return {"refused": fixed}
+        law = site_law_of_exponent(*(row[seen] for row in rows), HARD_ROCK.beta, exponent)
     at = np.geomspace(*law.reach, 60)
     levels = {f"{share:g}": law.peak(at, 1.0).level(share) for share in (0.5, 0.95)}
     return {
         "k": law.k, "beta": law.beta, "beta_90": law.beta_interval(), "s": law.s, "n": law.n,
-        "r2": law.r2, "charge_exponent": exponent, "notes": law.notes,
+        "r2": law.r2, "fixed": fixed, "charge_exponent": exponent, "notes": law.notes,
         "below": int(below[known].sum()), "scaled_distance": at, "levels": levels,
         "outliers": _outliers(site, law, np.where(below, np.nan, peak), distance, charge),
     }  # fmt: skip

@@ -10,6 +10,7 @@ import pytest
 from command_line import call
 
 from pyblast import InputError
+from pyblast.blasts.published_laws import HARD_ROCK
 from pyblast.line_records import monitoring
 from pyblast.workflows import site as workflow
 from pyblast.workflows.site import learn_site
@@ -161,6 +162,21 @@ def test_one_vertical_channel_at_one_station_without_charges_is_still_compared(q
     assert all(row["quantity"] == "vertical" for row in summary["records"])
     assert "at least 6 are needed" in summary["law"]["refused"]
     assert summary["changes"] == summary["forecasts"] == []
+
+
+def test_where_distances_are_few_the_exponent_of_a_published_law_is_taken(quarry):
+    for path in (quarry / "records").iterdir():
+        if not path.name.startswith("farm"):
+            path.unlink()
+
+    done = call("site", quarry)
+
+    law = json.loads((quarry / "site" / "site.json").read_text())["law"]
+    assert "span a factor of" in law["fixed"]
+    assert law["beta"] == HARD_ROCK.beta
+    assert "an exponent that is taken, not fitted" in done.output
+    at = int(np.argmin(np.abs(np.array(law["scaled_distance"]) - 45.0)))
+    assert law["levels"]["0.5"][at] == pytest.approx(0.6 * 45.0**-1.5, rel=0.35)
 
 
 def test_air_overpressure_has_its_law_and_limit(quarry):
