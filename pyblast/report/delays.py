@@ -5,9 +5,8 @@ import numpy as np
 from ..blasts.blast import CHARGE_WINDOW
 from ..project.result import plain, write_text
 from ..units import plain_number
-from .figures import INK, SIMULATED
 from .pages import page
-from .plots import axis_of, dots, line, page_plot, panel, segments
+from .plots import INK, SIMULATED, axis_of, dots, line, page_plot, panel, segments
 
 
 def delay_lines(table) -> list[str]:

@@ -16,7 +16,7 @@ from ..mesh import tetrahedra
 from ..signals.comparison import Comparison
 from ..signals.seismogram import Seismogram
 from ..signals.spectra import dominant_frequency, smoothed_spectrum, zero_crossing_frequency
-from .plots import axis_of, dots, line, page_plot, panel
+from .plots import FAULT, INK, RECORDED, SIMULATED, axis_of, dots, line, page_plot, panel
 
 _TRIANGLE_EDGES = np.array([[0, 1], [1, 2], [2, 0]])
 NUDGE = 1.2345e-5
@@ -77,7 +77,6 @@ def _crossings(points, height, cells, edges):
 
 
 GROUND = ("#cdb58c", "#8fa3ad", "#5b6570", "#a7b08a", "#b48a78", "#7a8fb0")
-INK, RECORDED, SIMULATED, FAULT = "#2b2b2b", "#2b2b2b", "#c2410c", "#b91c1c"
 COLOURS = INK, "#1d4ed8", "#0f766e", "#a16207", "#7e22ce", "#64748b", "#be185d", "#166534"
 LETTERS = {"longitudinal": "L", "transverse": "T", "vertical": "V", "east": "E", "north": "N"}
 PAPER_ORDER = ("transverse", "north", "vertical", "longitudinal", "east")

@@ -207,6 +207,7 @@ def _parse(path: Path, name: str) -> list[dict] | str:
         return plain([asdict(record) for record in read_peaks(path, name)])
     except PyblastError as error:
         reason = str(error).removeprefix(f"{path}").lstrip(":, ")
+        reason = reason.replace("read it with read_gather", "pyblast records analyses it")
         other = path.suffix in NOT_RECORDS and reason.startswith("is none of")
         return "is no record" if other else reason
 
