@@ -51,8 +51,8 @@ def soil_of(contrast, quality):
 def project(folder, height, soil):
     """Return the project of a ground; rock alone where the soil is None."""
     times = np.arange(0.0, 2.0 * BELL.peak, 5e-4)
-    lines = "".join(f"{t:.4f},{v:.9e}\n" for t, v in zip(times, BELL(times), strict=True))
-    (Path(folder) / "rate.csv").write_text("time_s,moment_rate_nm_per_s\n" + lines)
+    lines = "".join(f"{t:.4f},{1e9 * v:.9g}\n" for t, v in zip(times, BELL(times), strict=True))
+    (Path(folder) / "rate.csv").write_text("time_s,moment_rate_Nm_per_s\n" + lines)
     layers = [{"material": "rock"}]
     if soil is not None:
         layers = [{"material": "soil", "thickness_m": height}, *layers]
@@ -65,7 +65,7 @@ def project(folder, height, soil):
         "materials": materials,
         "boundaries": {"viscous": SIDES, "free": ["top"]},
         "moment_tensors": [{"position_m": [0.0, 0.0, -height - BELOW], "file": "rate.csv",
-                            "tensor": [0.0, 0.0, 0.0, 0.0, 0.0, 1e9]}],
+                            "tensor": [0.0, 0.0, 0.0, 0.0, 0.0, 1.0]}],
         "receivers": [{"name": name, "position_m": [0.8 * at, 0.6 * at - 40.0, 0.0]}
                       for name, at in AWAY.items()],
         "run": {"duration_s": 0.35},
