@@ -1,0 +1,1 @@
+pyblast: project.toml: can't be read (No such file or directory)
