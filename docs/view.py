@@ -10,6 +10,7 @@ to its end, which does not grow with what else the machine does. The least of th
 """
 
 import html
+import io
 import json
 import re
 import resource
@@ -34,7 +35,8 @@ gl.readPixels(0, 0, 1, 1, gl.RGBA, gl.UNSIGNED_BYTE, new Uint8Array(4));
 var said = document.querySelector(".view summary").textContent;
 var hint = document.querySelector(".view .readout").textContent;
 document.title = JSON.stringify([performance.now(), said, hint]);"""
-ALONE = """document.body.replaceChildren(document.querySelector(".view"));
+ALONE = """document.body.className = "";
+document.body.replaceChildren(document.querySelector(".view"));
 Object.entries(%s).forEach(function (one) {
   var select = document.querySelector(".view ." + one[0]);
   select.value = one[1]; select.onchange();
@@ -53,7 +55,8 @@ def main(cases):
             rows.append(f"| {name} | {said} | {size:.2f} | {seconds:.1f} | {processor:.1f} |")
             sys.stdout.write(f"{rows[-1]}\n")
             for width, ending in ((1400, ""), (390, "_telephone")):
-                picture(Path(folder), text, width, SHOWN.get(name, {}), f"{name}{ending}")
+                path = HERE / f"figures/view/{name}{ending}.png"
+                path.write_bytes(picture(Path(folder), text, width, SHOWN.get(name, {})))
     known = PAGE.read_text(encoding="utf-8")
     head = "| page | triangles | MB | s | processor s |\n|---|---|---|---|---|\n"
     table = re.compile(re.escape(head) + r"(\|.*\n)*")
@@ -93,8 +96,8 @@ def used():
     return usage.ru_utime + usage.ru_stime
 
 
-def picture(folder, text, width, chosen, name):
-    """Write the view of a page of a width as a picture of few colours, without its margins."""
+def picture(folder, text, width, chosen):
+    """Return the view of a page of a width as a PNG of few colours, without its margins."""
     page, outer, shot = folder / "page.html", folder / "outer.html", folder / "shot.png"
     page.write_text(with_script(text, ALONE % json.dumps(chosen)), encoding="utf-8")
     outer.write_text(
@@ -105,9 +108,10 @@ def picture(folder, text, width, chosen, name):
             "--virtual-time-budget=3000", f"file://{outer}")  # fmt: skip
     image = Image.open(shot).convert("RGB").crop((0, 0, width, 900))
     drawn = Image.eval(image.convert("L"), lambda value: 255 - value).getbbox()
-    image.crop((drawn[0], 0, drawn[2], drawn[3] + 4)).quantize(COLOURS).save(
-        HERE / f"figures/view/{name}.png", optimize=True
-    )
+    made = io.BytesIO()
+    image = image.crop((drawn[0], 0, drawn[2], drawn[3] + 4)).quantize(COLOURS)
+    image.save(made, "png", optimize=True)
+    return made.getvalue()
 
 
 def with_script(text, script):
