@@ -1,1 +1,0 @@
-pyblast: project.toml: can't be read (No such file or directory)
