@@ -30,7 +30,7 @@ from pyblast.config.config import Config
 from pyblast.config.keys import range_of_key, section_in
 from pyblast.project import checks, project
 
-SECONDS, WAIT = 60, 300.0  # of processor, and by the clock, that a check may take
+SECONDS, WAIT = 60, 1200.0  # of processor, and by the clock, that a check may take
 MEMORY = 4 << 30  # bytes that it may take
 OUTCOMES = {0: "accepted", 2: "refused", 3: "finding"}  # by exit code
 PYTHON = re.compile(
