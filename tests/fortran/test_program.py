@@ -241,7 +241,10 @@ def test_all_laws_of_zones_and_joints_together_march_to_the_same_bits(tmp_path):
     model = Model(
         mesh.split(laws),
         MATERIALS,
-        joints=[Joint(law, law, properties(law), 3e5, (0.0, 1e4, 0.0), 10.0) for law in laws],
+        joints=[  # near their strength, so that the last one, which least reaches, slips too
+            Joint(law, law, properties(law, cohesion=0.0), 3e5, (0.0, 1.7e5, 0.0), 10.0)
+            for law in laws
+        ],
         boundaries=[Viscous("west"), Viscous("east"), StressInput("west", push)],
         receivers=[Receiver("A", (edges[-1] - 2.0, 2.0, -2.0))],
     )
