@@ -307,7 +307,9 @@ class Stability:
         ground = observer.records["followed"][:, number] @ mode.direction
         inertia = max(0.0, float(np.max(-np.diff(ground), initial=0.0)) / dt) * block.mass
         resistance = (mode.resisting - mode.driving) / block.mass
-        slid = newmark(ground, dt, resistance)[-1] if 0.0 < resistance < math.inf else 0.0
+        slid = 0.0 if resistance > 0.0 else math.inf  # held, or gone before the blast
+        if 0.0 < resistance < math.inf:
+            slid = newmark(ground, dt, resistance)[-1]
         return {
             "volume": block.volume, "mass": block.mass, "centre": block.centre,
             "joints": sorted({plane.joint for plane in block.planes}), "mode": mode.mode,
@@ -393,6 +395,12 @@ def _said_of_blocks(blocks):
     least = f"{plain_number(worst['volume'])} m3 at ({position}) m {worst['mode']}"
     if not math.isfinite(worst["safety_before"]):
         return [f"The weight of each of {len(blocks)} removable blocks presses it into its seat."]
+    if worst["safety_before"] <= 1.0:
+        return [
+            f"Of {len(blocks)} removable blocks the least safe, {least}: safety "
+            f"{plain_number(worst['safety_before'])} under its weight alone, so it does not stand "
+            "before the blast: the strength of its joints is too low, or something holds it."
+        ]
     return [
         f"Of {len(blocks)} removable blocks the least safe, {least}: safety "
         f"{plain_number(worst['safety_before'])} under its weight, "

@@ -23,7 +23,7 @@ def delay_lines(table) -> list[str]:
     )  # fmt: skip
     low, high = gained["reduction_90"]
     lines = [
-        _kept(table["houses"]),
+        limits_kept(table["houses"]),
         f"best of {len(table['tried'])} plans at {band}: {1e3 * best['between_holes']:.3g} ms "
         f"between holes, {1e3 * best['between_rows']:.3g} ms between rows",
         f"{100 * table['share']:.3g} % quantile of the largest PPV over its limit: "
@@ -61,8 +61,14 @@ def delay_lines(table) -> list[str]:
     return lines
 
 
-def _kept(houses):
-    """Return whether the best plan keeps all limits at 95 %, with the house that decides."""
+def limits_kept(houses) -> str:
+    """Return whether the best plan keeps all limits at 95 %, with the house that decides.
+
+    Parameters
+    ----------
+    houses : sequence of dict
+        Of `summarise_delays`.
+    """
     worst = max(houses, key=lambda house: house["after"]["high"] / house["limit"])
     reached = f"{1e3 * worst['after']['high']:.3g} of {1e3 * worst['limit']:.3g} mm/s"
     at = f"{worst['name']}, where 95 % of blasts stay below {reached}{_by(worst)}"

@@ -9,7 +9,6 @@ from math import ceil
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import LineCollection, PolyCollection
-from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from matplotlib.text import Text
 
@@ -178,16 +177,14 @@ def source_figure(histories, top) -> dict:
     return page_plot("Source histories and spectra of their slope.", *panels, columns=2)
 
 
-def section_figure(result, north, field="group"):
-    """Draw a vertical section: materials or highest frequency, joints, faults, receivers.
+def section_figure(result, north):
+    """Draw a vertical section: materials, joints, faults, receivers.
 
     Parameters
     ----------
     result : Result
     north : float, m
         North coordinate of the section.
-    field : str
-        "group" or "f_max".
     """
     mesh, summary = result.arrays["mesh"], result.summary
     polygons, zone = section_of_zones(mesh["points"], mesh["zones"], north)
@@ -195,19 +192,11 @@ def section_figure(result, north, field="group"):
     figure = _figure(9.6, float(np.clip(8.4 * height / width + 1.0, 2.6, 7.0)))
     axes = figure.subplots()
     patches = PolyCollection(polygons, linewidths=0.15, edgecolors=(1.0, 1.0, 1.0, 0.35))
-    if field == "group":
-        names = summary["mesh_names"]["groups"]
-        number = result.arrays["zones"]["group"][zone]
-        patches.set_facecolor([GROUND[n % len(GROUND)] for n in number])
-        for n in np.unique(number):
-            axes.plot([], [], "s", color=GROUND[n % len(GROUND)], label=names[n])
-    else:
-        patches.set_array(result.arrays["zones"][field][zone])
-        patches.set_cmap("viridis")
-        patches.set_norm(LogNorm())
-        bar = figure.colorbar(patches, ax=axes, label="highest frequency carried [Hz]", shrink=0.85)
-        for which in ("major", "minor"):
-            getattr(bar.ax.yaxis, f"set_{which}_formatter")("{x:g}")
+    names = summary["mesh_names"]["groups"]
+    number = result.arrays["zones"]["group"][zone]
+    patches.set_facecolor([GROUND[n % len(GROUND)] for n in number])
+    for n in np.unique(number):
+        axes.plot([], [], "s", color=GROUND[n % len(GROUND)], label=names[n])
     axes.add_collection(patches)
     _draw_joints(axes, result, north)
     _draw_receivers(axes, summary, mesh["points"])

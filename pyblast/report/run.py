@@ -369,9 +369,8 @@ def _stereonet_figures(summary):
 
 
 def _section_figures(result):
-    """Yield the section with joints and faults, and with the highest frequency of zones."""
+    """Yield the section with joints and faults."""
     north = _section_place(result)
-    edges = result.summary["run"].get("edges_per_wavelength", 10.0)
     entry = "stars mark holes and forces inside, projected"
     if result.summary["input"] is not None:
         face = result.summary["input"]["face"]
@@ -382,13 +381,6 @@ def _section_figures(result):
         f"Section at north {north:g} m with joints and faults; {entry}.",
         ("mesh", "joints"),
         figures.section_figure(result, north),
-    )
-    yield (
-        "Highest frequency",
-        f"Highest frequency that each zone carries: Cs over {edges:g} of its mean edges; the input "
-        f"has {result.summary['band']['input_hz']:.3g} Hz. The same section.",
-        ("mesh",),
-        figures.section_figure(result, north, "f_max"),
     )
 
 

@@ -94,13 +94,19 @@ def _law_words(what, law):
         return f"no law of {what}: {law['refused'].removeprefix('site law: ')}"
     low, high = law["beta_90"]
     text = (
-        f"{what} falls as (R/W^{law['charge_exponent']:.3g})^-{law['beta']:.3g}, 90 % interval "
-        f"{low:.3g} to {high:.3g}, {law['n']} records"
+        f"{what} falls as (R/W^{law['charge_exponent']:.3g})^-{law['beta']:.3g}, "
+        + (
+            "an exponent that is taken, not fitted"
+            if law["fixed"]
+            else f"90 % interval {low:.3g} to {high:.3g}"
+        )
+        + f", {law['n']} records"
         + (f" and {law['below']} below their trigger" if law["below"] else "")
         + f"; 95 % of blasts stay below {10 ** (1.645 * law['s']):.2g} times the median"
     )
     far = [f"{row['blast']} at {row['station']} ({row['factor']:.2g} times)"
            for row in law["outliers"]]  # fmt: skip
+    text += f" ({law['fixed'].removeprefix('site law: ')})" if law["fixed"] else ""
     return text + (f"; far off the others: {', '.join(far[:4])}" if far else "")
 
 

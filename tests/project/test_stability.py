@@ -182,3 +182,15 @@ def test_a_joint_that_slips_says_how_far_where_and_when():
     for part in ("2.1 mm at (66, 45, -45) m", "120 ms", "25 % of its 120 m2", "1.5 mm remain",
                  "1.5 before, 1.2 at least", "By their law never slip: F1"):  # fmt: skip
         assert part in said
+
+
+def test_a_block_that_does_not_stand_under_its_weight_is_said_not_to_slide_by_nothing():
+    row = {
+        "volume": 2.0, "mass": 5e3, "centre": [1.0, 2.0, 3.0], "mode": "slides on F1",
+        "safety_before": 0.8, "safety_least": 0.7, "slides": math.inf,
+    }  # fmt: skip
+
+    said = sentence({}, [row])
+
+    assert "safety 0.8 under its weight alone, so it does not stand" in said
+    assert "Newmark" not in said

@@ -80,7 +80,7 @@ def test_the_page_warns_of_failing_checks_and_short_records_before_the_peaks(pag
 def test_figures_are_those_of_the_project_not_of_a_paper(page):
     assert "of the paper" not in page
     images = re.findall(r'src="data:image/png;base64,([^"]+)"', page)
-    assert len(images) == 4
+    assert len(images) == 3
     assert page.count('class="plot"') == 3  # limit curves, slip, energy
     assert page.count('class="waveform"') == 3  # single hole, input, receiver
     assert all(base64.b64decode(image)[:8] == b"\x89PNG\r\n\x1a\n" for image in images)

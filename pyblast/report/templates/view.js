@@ -255,7 +255,7 @@
       var element = document.createElement("div");
       element.textContent = words;
       var made = new THREE.CSS2DObject(element);
-      made.position.fromArray(at); made.center.set(-0.1, 1); made.part = part;
+      made.position.fromArray(at); made.center.set(0, 1); made.part = part;
       if (first) labels.unshift(made);
       else labels.push(made);
       world.add(made);
