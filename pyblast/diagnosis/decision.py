@@ -21,6 +21,7 @@ from .thresholds import (
     MOST_EXPLAINED,
     OUTLIER_LEVEL,
     REMAINS,
+    USUAL_LEVEL,
 )
 
 # A label as those of the library, but without parameters.
@@ -47,8 +48,8 @@ class Decision:
     rivals : tuple of str
         Labels that the records cannot distinguish, that of the best model first.
     probability : dict of str to float
-        Posterior probability of each label, of "none", and of "unknown": larger errors of all
-        records, of one blast or of one receiver.
+        Posterior probability of each label, of "none", and of "unknown": larger errors than
+        those of good ground.
     explained_share : float
         Share of the excess energy that the best set of effects explains.
     cross_validation : CrossValidation or None
@@ -109,8 +110,7 @@ def decide(search: Search, finer: Simulation | None = None) -> Decision:
         with contained(search.scene.failures, FINER_MESH):
             chosen, mesh_change = on_finer_mesh(search.scene, finer, chosen, search.progress)
     tested = cross_validate(search.scene, without, chosen)
-    likelihood = search.scene.baseline.likelihood
-    share = likelihood.explained_share(without.chi_square, chosen.chi_square)
+    share = explained_share(without.chi_square, chosen.chi_square)
     basis = (probability, share, tested, chosen, mesh_change)
     if not tested.supports:
         return Decision("UNKNOWN", without, (), *basis)
@@ -132,6 +132,15 @@ def undecided(search: Search) -> Decision:
     far = np.max(np.abs(without.values / search.scene.baseline.sigma), initial=0.0) > FAR_OFF
     outcome = "UNKNOWN" if scored or far or material(without.chi_square) else "NULL"
     return Decision(outcome, without, (), _probabilities(search), 0.0, None)
+
+
+def explained_share(before, after) -> float:
+    """Return the share of all excess above the usual errors that is gone with other chi-squares.
+
+    Records below one do not compensate for others.
+    """
+    total, left = (float(np.sum(np.maximum(each - 1.0, 0.0))) for each in (before, after))
+    return (total - left) / total if total > 0.0 else 0.0
 
 
 def more_remains(chi_square, share) -> bool:
@@ -169,14 +178,13 @@ def on_finer_mesh(
     SolverError
         If a run fails.
     """
-    project, likelihood = scene.project(fit.values, fit.effects), scene.baseline.likelihood
-    on_site = any(effect.hypothesis.on == "site" for effect in fit.effects)
-    if project is None or not on_site or is_anisotropic(project.materials):
+    project, over_usual = scene.project(fit.values, fit.effects), scene.baseline.over_usual
+    if project is None or not fit.on_site or is_anisotropic(project.materials):
         return fit, None
     (simulated,) = scene.simulate([(fit.values, fit.effects)])
     if simulated is None:
         return fit, None
-    change = likelihood.chi_square(likelihood.whiten(simulated - scene.baseline.reference))
+    change = over_usual(simulated - scene.baseline.reference)
     largest, *others = (int(b) for b in np.argsort(-change.sum(axis=1), kind="stable"))
     shift, size = np.zeros_like(simulated), 0.0
     for done, blasts in enumerate(([largest], others)):
@@ -184,7 +192,7 @@ def on_finer_mesh(
         if blasts:
             names = [scene.case.blasts[b] for b in blasts]
             shift[blasts] = finer.motion(project, names) - simulated[blasts]
-        size = worst(likelihood.chi_square(likelihood.whiten(shift)))
+        size = worst(over_usual(shift))
         if size < MESH_CHANGE:
             return fit, size
     return corrected(scene, fit, shift), size
@@ -221,8 +229,8 @@ def intervals(fit: Fit) -> list[dict]:
 def _ends(fit):
     """Return the lower and upper ends (2, n_parameters) of 90 % intervals of one mode."""
     blasts = np.count_nonzero(fit.chi_square.any(axis=1))
-    half = HALF_WIDTH * np.sqrt(blasts * np.diag(fit.covariance))
-    lower, upper = (x[len(fit.values) :] for x in (fit.x - half, fit.x + half))
+    half = HALF_WIDTH * np.sqrt(blasts * np.diag(fit.posterior.covariance))
+    lower, upper = (x[len(fit.values) :] for x in (fit.state.x - half, fit.state.x + half))
     parameters = [
         parameter for effect in fit.effects
         for parameter, values in zip(effect.hypothesis.parameters, effect.values, strict=True)
@@ -308,20 +316,25 @@ def _rivals(search, chosen, least=None):
 def _probabilities(search):
     """Return the posterior probability of each label, of "none" and of "unknown".
 
-    Errors may be larger than assumed beside an effect, too. Model errors repeat in each blast of a
-    site, so that all blasts count as one: theory.md (14.8).
+    The latter is a larger error than that of good ground (`USUAL_LEVEL`), without an effect. Model
+    errors repeat in each blast of a site, so that all blasts count as one: theory.md (14.8).
     """
-    scene, without = search.scene, search.without_effects
-    larger_errors = scene.baseline.likelihood.log_gain_of_larger_errors
-    sets = [(("none",), 0.0), (("unknown",), larger_errors(without.chi_square))]
-    sets += [
-        (fitted.labels, search.delta_ln_evidence(fitted) + larger_errors(fitted.chi_square))
-        for fitted in search.fits
+    without = search.without_effects
+    above = without.posterior.by_level[:, 0] > USUAL_LEVEL
+    sets = [
+        ((label,), _averaged(without.posterior.by_level[chosen, 1]) - without.log_evidence)
+        for label, chosen in (("none", ~above), ("unknown", above))
     ]
-    evidence = np.array([value for _, value in sets]) / len(scene.case.blasts)
+    sets += [(fitted.labels, search.delta_ln_evidence(fitted)) for fitted in search.fits]
+    evidence = np.array([value for _, value in sets]) / len(search.scene.case.blasts)
     probability = np.exp(evidence - logsumexp(evidence))
     by_label = {}
     for (labels, _), value in zip(sets, probability, strict=True):
         for label in labels:
             by_label[label] = by_label.get(label, 0.0) + float(value)
     return {label: round(value, 4) for label, value in by_label.items()}
+
+
+def _averaged(log_evidences):
+    """Return the logarithm of the mean of evidences."""
+    return float(logsumexp(log_evidences) - np.log(len(log_evidences)))

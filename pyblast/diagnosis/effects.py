@@ -12,6 +12,7 @@ from scipy import fft
 from ..blasts.blast import Blast
 from ..errors import InputError, contained
 from ..ground.tables import quality_of
+from ..inference.error_model import ErrorModel
 from ..inference.parameter import Parameter, set_all
 from ..project.project import Project
 from ..project.uncertain_ground import factors_of
@@ -20,9 +21,10 @@ from ..solver.assembly import time_step
 from . import library  # noqa: F401  fills the library
 from .calibration import Baseline, attenuated
 from .case import Case
+from .error import learned_error
 from .forward import Surroundings, holds, simulation_of, surroundings
 from .hypotheses import FAMILIES, LIBRARY, Hypothesis, blast_and_hole, superposed
-from .thresholds import MOST_WORK
+from .thresholds import IDEALISED, MOST_WORK
 
 FURTHER = "further blast"
 RUNS, HOLES = "runs", "motion of single holes"  # parts of a diagnosis that may fail
@@ -110,6 +112,51 @@ class Scene:
     def surroundings(self) -> Surroundings:
         """Motion around the receivers in the calibrated ground, by one run of each blast."""
         return surroundings(self.simulation, self.case, self.baseline.project)
+
+    @cached_property
+    def error(self) -> ErrorModel:
+        """Learned error of the prediction of the calibrated site, but for what is calibrated."""
+        baseline = self.baseline
+        return learned_error(
+            self.case, baseline.parameters,
+            (baseline.motion, baseline.slopes, self.surroundings.slopes(), baseline.correction),
+            self._late_holes(),
+        )  # fmt: skip
+
+    def _late_holes(self):
+        """Return the columns of firing times by the motion of each hole, by number of the blast."""
+        seconds = 1e-3 * self.case.project.config.priors.firing_ms
+        late = {
+            b: [self.change_by_holes(name, each, np.ones(len(each)))
+                for each in seconds * np.eye(len(self.holes[name]))]
+            for b, name in enumerate(self.case.blasts)
+            if seconds and len(self.holes.get(name, ())) > 1
+        }  # fmt: skip
+        return {b: self.seen(np.array(changes)) for b, changes in late.items()}
+
+    def seen(self, change) -> np.ndarray:
+        """Return changes of motion (..., 3, n_samples) as valid samples show them, in the band."""
+        return self.case.band.project(np.where(self.case.valid, change, 0.0))
+
+    def error_beside(self, effects: Sequence[Effect], values, motion) -> ErrorModel:
+        """Return the error of a prediction with effects, that of their laws included.
+
+        Where they are not those of instruments, the change of motion by them has an error of
+        `IDEALISED` of its energy; theory.md (14.13).
+
+        Parameters
+        ----------
+        effects : sequence of Effect
+        values : (n_calibrated,) float64
+        motion : (n_blasts, n_receivers, 3, n_samples) float64, m/s
+            With both.
+        """
+        if all(effect.hypothesis.family == "instrument" for effect in effects):
+            return self.error
+        calibrated = np.tensordot(values - self.baseline.values, self.baseline.slopes, 1)
+        change = motion - self.baseline.motion - calibrated
+        blocks = self.error.blocks.beside(change, self.case.band, IDEALISED)
+        return replace(self.error, blocks=blocks)
 
     def contained(self, effects: Sequence[Effect]) -> AbstractContextManager[None]:
         """Enter an error of effects into the failures in place of raising it; raise one of none."""

@@ -25,7 +25,6 @@ from ..diagnosis.thresholds import (
 )
 from ..errors import contained
 from ..ground.tables import quality_of
-from ..inference.likelihood import ENERGY_SHARE, MESH_SHARE
 from ..project.result import plain, write_text
 from ..units import FACTORS, plain_number
 from .diagnosis_figures import (
