@@ -189,20 +189,14 @@ class _Calibration:
         return set_all(self.case.project, self.parameters, np.exp(self.sigma * x))
 
     def begun(self):
-        """Return the state of the reference."""
+        """Return the state of the reference, with derivatives by differences."""
         x = np.zeros(len(self.sigma))
-        state = State(x, self.case.motion, np.zeros((len(x), *self.case.motion.shape)))
-        self.derive(state)
-        return state
+        points = [x, *(STEP * np.eye(len(x)))]
+        start, *moved = self.simulation.motions([self.project(at) for at in points])
+        return State(x, start, (np.array(moved).reshape(len(x), *start.shape) - start) / STEP)
 
     def derive(self, state):
-        """Take derivatives by runs beside a state, and its motion."""
-        points = [state.x, *(state.x + STEP * np.eye(len(state.x)))]
-        state.motion, *moved = (
-            motion + self.correction
-            for motion in self.simulation.motions([self.project(x) for x in points])
-        )
-        state.slopes = (np.array(moved).reshape(state.slopes.shape) - state.motion) / STEP
+        """Keep the derivatives, which each step updates: new ones cost as much as all steps."""
 
     def simulated(self, x):
         """Return the motion at values."""

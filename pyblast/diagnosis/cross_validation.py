@@ -188,9 +188,10 @@ class _Linear(NamedTuple):
         gained = self.log_evidence - posterior.log_evidence
         left = self.residual - np.tensordot(posterior.mean, self.slopes, 1)
         recorded = self.scene.case.band.project(self.scene.case.residual(0.0))
-        reduction = 1.0 - float(np.sum(left[out] ** 2) / np.sum(recorded[out] ** 2))
-        motion = recorded - left
-        return _Prediction(posterior, posterior.log_evidence, gained, reduction, motion)
+        energy = np.sum(recorded[out] ** 2)
+        reduction = 1.0 - float(np.sum(left[out] ** 2) / energy) if energy > 0.0 else 0.0
+        others, motion = posterior.log_evidence, recorded - left
+        return _Prediction(posterior, others, gained, reduction, motion)
 
 
 def held_out_prediction(scene: Scene, fit: Fit, out) -> np.ndarray:

@@ -29,9 +29,13 @@ class Fitter:
         follows from the slopes of the baseline.
     shift : (n_blasts, n_receivers, 3, n_samples) float64, m/s, optional
         What a finer mesh adds to every simulation.
+    longest : float, optional
+        Prior standard deviations that a parameter of an effect may go in one step.
     """
 
-    def __init__(self, scene: Scene, effects: Sequence[Effect], reference, shift=0.0):
+    def __init__(
+        self, scene: Scene, effects: Sequence[Effect], reference, shift=0.0, longest=LONGEST
+    ):
         self.scene, self.effects = scene, tuple(effects)
         self.reference, self.shift = np.asarray(reference), shift
         self.sigma = scene.baseline.sigma
@@ -52,7 +56,7 @@ class Fitter:
         low, high = np.concatenate([free, np.reshape(ends, (n_own, 2))]).T
         own = np.arange(n_calibrated + n_own) >= n_calibrated
         self.coordinates = Coordinates(
-            np.zeros(len(own)), np.ones(len(own)), low, high, np.where(own, LONGEST, np.inf),
+            np.zeros(len(own)), np.ones(len(own)), low, high, np.where(own, longest, np.inf),
             np.ones(len(own), bool), own if n_own else ~own, np.zeros(len(own)),
         )  # fmt: skip
         by_runs = [self.effects[e].hypothesis.on == "site" for e, *_ in self.parameters]
@@ -243,7 +247,11 @@ class Fit:
 
 
 def fit(
-    scene: Scene, effects: Sequence[Effect], reference=None, base: Fit | None = None
+    scene: Scene,
+    effects: Sequence[Effect],
+    reference=None,
+    base: Fit | None = None,
+    longest: float = LONGEST,
 ) -> Fit | None:
     """Fit effects and calibrated parameters together; theory.md (14.1) to (14.3).
 
@@ -256,13 +264,16 @@ def fit(
         Values of the calibrated parameters to start from; those of the baseline by default.
     base : Fit, optional
         Fit of the first of these effects, whose derivatives are kept, which saves runs.
+    longest : float, optional
+        As of `Fitter`.
 
     Returns
     -------
     Fit or None
         None where an effect is impossible at this site.
     """
-    fitter = Fitter(scene, effects, scene.baseline.values if reference is None else reference)
+    reference = scene.baseline.values if reference is None else reference
+    fitter = Fitter(scene, effects, reference, longest=longest)
     state = fitter.begun(fitter.start(), None if base is None else base.state.slopes)
     if state is None:
         return None

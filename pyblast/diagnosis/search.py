@@ -8,13 +8,14 @@ import numpy as np
 from ..errors import contained
 from .effects import Scene
 from .error import with_calibrated
-from .fitting import Fit, fit, fit_calibrated
+from .fitting import LONGEST, Fit, fit, fit_calibrated
 from .hypotheses import LIBRARY
 from .scores import SiteScores, members_of, of_speeds
 from .thresholds import DECISIVE, LEAD, LEAST_SCORE, MATERIAL, MOST_EFFECTS, NOT_LINEAR, REFIT_GAIN
 
 SCORES = "scores of every effect"  # a part of a diagnosis that may fail
 REFINED = 4  # classes whose further starting values are scored, in each pass
+SMALLER = 0.3  # steps of a fit that contradicts the score it began with
 REFITTED = 2  # classes that are fitted by runs, of those that score, in each pass
 BEAM = 2  # width of the beam search: sets of effects that are extended, if nearly as good
 
@@ -40,6 +41,9 @@ class Search:
         Whether the budget sufficed for the whole search, and for each effect on its own.
     failed : dict of (str, str) to str
         Hypotheses and targets that could not be simulated at any starting value, with the reason.
+    contradicted : dict of str to (float, float)
+        Score of labels, and what their fits gained from any start, where that is less by more than
+        the standard deviation of such a score, √(2 score).
     scores : SiteScores or None
         Of every hypothesis; None where the records can test none, or scores fail.
     """
@@ -53,6 +57,7 @@ class Search:
     finished: bool = True
     compared: bool = True
     failed: dict[tuple[str, str], str] = field(default_factory=dict)
+    contradicted: dict[str, tuple[float, float]] = field(default_factory=dict)
     scores: SiteScores | None = None
     _beside: dict[int, tuple[Fit, dict]] = field(default_factory=dict, repr=False)
 
@@ -216,7 +221,7 @@ def _refit(search, base):
         search.progress(f"fit {label}", done, len(ranked))
         _fit_without_runs(search, base, label)
         if start is not None:
-            _fit_by_runs(search, base, start)
+            _fit_by_runs(search, base, start, score)
         by_runs += start is not None
 
 
@@ -240,12 +245,27 @@ def _start(search, base, label, score):
     return effect, score
 
 
-def _fit_by_runs(search, base, effect):
-    """Fit an effect on the site on a fit."""
-    x_ref = base.values if base.effects else np.zeros(len(base.values))
-    fitted = _fitted(search.scene, (*base.effects, effect), x_ref, base if base.effects else None)
-    if fitted is not None:
-        search.add(fitted)
+def _fit_by_runs(search, base, effect, score):
+    """Fit an effect on the site on a fit, and anew where this gains much less than it scores.
+
+    From the prior of what is calibrated, where it was scored, from the calibrated values, and from
+    the prior by smaller steps.
+    """
+    prior, held = np.zeros(len(base.values)), base if base.effects else None
+    starts = [(prior, LONGEST), (base.values, LONGEST), (prior, SMALLER * LONGEST)]
+    if held is not None:  # its derivatives are those at its values
+        starts = [(base.values, LONGEST), (base.values, SMALLER * LONGEST)]
+    least = search.delta_ln_evidence(base) + score - np.sqrt(2.0 * max(score, 0.0))
+    gain = -np.inf
+    for reference, longest in starts:
+        fitted = _fitted(search.scene, (*base.effects, effect), reference, held, longest)
+        if fitted is not None:
+            search.add(fitted)
+            gain = max(gain, search.delta_ln_evidence(fitted))
+        if gain >= least or not search.runs_left():
+            break
+    if gain < least and np.isfinite(gain):
+        search.contradicted[effect.label] = score, gain - search.delta_ln_evidence(base)
 
 
 def material(chi_square) -> bool:

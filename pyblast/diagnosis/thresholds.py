@@ -152,6 +152,10 @@ USUAL_LEVEL = _enter(
     "USUAL_LEVEL", 0.05, "energy", "Learned error above which something unknown is missing",
     "nulls of the development seed of the blind benchmark: 5 times the usual error at most",
 )  # fmt: skip
+LARGE = _enter(
+    "LARGE", 0.3, "largest charge", "Charge of a blast of which a named effect must explain more",
+    "assumed",
+)  # fmt: skip
 OUTLIER_LEVEL = _enter(
     "OUTLIER_LEVEL", 0.95, "", "Quantile that a receiver with an effect of its own must exceed",
     "convention: a significance level of 5 %",

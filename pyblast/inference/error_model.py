@@ -74,7 +74,7 @@ class Posterior:
     remaining : (n_blasts, n_receivers) float64
         Share of the energy of each record, above its noise, that remains with all properties and
         nuisances where they are most probable.
-    by_level : (n_levels, 2) float64
+    evidences : (n_levels, 2) float64
         Learned model error, as ``level``, and log evidence at each level.
     """
 
@@ -85,7 +85,7 @@ class Posterior:
     log_evidence: float
     nuisances: dict[str, float]
     remaining: np.ndarray
-    by_level: np.ndarray
+    evidences: np.ndarray
 
     @property
     def deviation(self) -> np.ndarray:

@@ -15,6 +15,8 @@ from pyblast.diagnosis.decision import Decision
 from pyblast.diagnosis.effects import Effect, Scene
 from pyblast.diagnosis.error import usual_energy
 from pyblast.diagnosis.fitting import Fit
+from pyblast.inference.error_model import Posterior
+from pyblast.inference.fit import State
 from pyblast.diagnosis.forward import simulation_of
 from pyblast.diagnosis.hypotheses import LIBRARY
 from pyblast.diagnosis.library import geometry
