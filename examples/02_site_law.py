@@ -31,7 +31,7 @@ axis.axvspan(*law.reach, color="0.95", zorder=0, label="range of the records")
 axis.loglog(scaled_distance(records.distance, records.charge), 1e3 * records.ppv, "ko", ms=4,
             label=f"{len(records.ppv)} records")  # fmt: skip
 for share, style in ((0.5, "C0-"), (0.95, "C3--")):
-    line = law.line(scaled, 1.0, share)
+    line = law.peak(scaled, 1.0).level(share)
     axis.loglog(scaled, 1e3 * line, style, label=f"{100 * share:g} % of new blasts are below")
 axis.set(xlabel="scaled distance, by the root of the charge in 8 ms [m/√kg]", ylabel="PPV [mm/s]",
          title=f"PPV = {1e3 * law.k:.0f} SD$^{{-{law.beta:.2f}}}$ mm/s")  # fmt: skip

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pyblast.diagnosis.effects import Effect, diagnosed
+from pyblast.diagnosis.effects import Effect, changed_site
 from pyblast.mesh.builder import structured_box
 from pyblast.mesh.grid import Layer, graded_axis
 from pyblast.model.boundary import SpongeLayer, Viscous
@@ -156,7 +156,7 @@ def main(folder):
     places = ((f"R{k}", tuple(map(float, place))) for k, place in enumerate(PLACES, 1))
     reference = reference.changed(receivers=tuple(Receiver(*place) for place in places))
     effect = Effect("joint_nonlinear_closure", "J1", ((CLOSED,),))
-    write_records(Path(folder), diagnosed(reference, np.array(ERRORS), [effect]), seed=1)
+    write_records(Path(folder), changed_site(reference, np.array(ERRORS), [effect]), seed=1)
     print(f"written: {folder}; now: pyblast diagnose {first} --out found")
 
 

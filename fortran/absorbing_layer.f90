@@ -13,7 +13,7 @@ module pyblast_absorbing_layer
 contains
 
     subroutine add_layer_forces(layer, contacts, n_nodes, n_slots, n_parts, part_force, velocity, &
-                                state, force, zone_force, before, power)
+                                state, force, zone_force, before, past, power)
         !! Add what the past of the layer does to its nodes, and the stretch of joints that cross it.
         type(layer_arrays), intent(in) :: layer
         type(contact_arrays), intent(in) :: contacts
@@ -24,12 +24,13 @@ contains
         real(dp), intent(inout) :: force(3, n_nodes)               !! of the nodes [N]
         real(dp), intent(inout) :: zone_force(3, n_nodes)          !! part of it, of zones and layer
         real(dp), intent(out) :: before(:, :)                      !! velocity of the layer's nodes
+        real(dp), intent(out) :: past(:, :)                        !! what its past does to them [N]
         real(dp), intent(inout) :: power                           !! that zones and layer take [W]
         real(dp) :: own(3), taken(size(layer%layer_node)), added(3)
         integer :: c, e, k, n, side
 
         !$omp parallel do schedule(static) default(none) private(e, n, own) &
-        !$omp& shared(layer, state, velocity, force, zone_force, before, taken) &
+        !$omp& shared(layer, state, velocity, force, zone_force, before, past, taken) &
         !$omp& if (n_nodes >= least_shared)
         do k = 1, size(layer%layer_node)
             n = layer%layer_node(k)
@@ -42,6 +43,7 @@ contains
             force(:, n) = force(:, n) + own
             zone_force(:, n) = zone_force(:, n) + own
             before(:, k) = velocity(:, n)
+            past(:, k) = own
             taken(k) = dot_product(own, velocity(:, n))
         end do
         !$omp end parallel do

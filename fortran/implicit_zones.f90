@@ -9,7 +9,7 @@ module pyblast_implicit_zones
     use pyblast_model_types, only : implicit_arrays, implicit_work, n_clusters
     implicit none
     private
-    public :: add_implicit_energy, implicit_forces
+    public :: add_implicit_energy, add_layer_to_lines, implicit_forces
 
 contains
 
@@ -90,6 +90,80 @@ contains
         end do
     end subroutine keep_velocity
 
+    subroutine add_layer_to_lines(zones, n_nodes, node_mass, velocity, layer_force, force, zone_force, &
+                                  power, work)
+        !! Let the past of the absorbing layer act on the inertia of lines as on that of nodes; (2.58).
+        type(implicit_arrays), intent(in) :: zones
+        integer, intent(in) :: n_nodes
+        real(dp), intent(in) :: node_mass(n_batch, n_nodes)        !! with the layer's stretch [kg]
+        real(dp), intent(in) :: velocity(n_batch, 3, n_nodes)      !! before the step [m/s]
+        real(dp), intent(in) :: layer_force(:, :)                  !! of the layer's nodes [N]
+        real(dp), intent(inout) :: force(n_batch, 3, n_nodes)      !! [N]
+        real(dp), intent(inout) :: zone_force(n_batch, 3, n_nodes) !! part of it, of zones and layer
+        real(dp), intent(inout) :: power                           !! that zones and layer take [W]
+        type(implicit_work), intent(inout) :: work
+        integer :: c
+
+        !$omp parallel do schedule(dynamic, 4) default(none) &
+        !$omp& shared(zones, n_nodes, node_mass, velocity, layer_force, force, zone_force, work) &
+        !$omp& if (n_batch*n_nodes >= least_shared)
+        do c = 1, n_clusters(zones)
+            call add_layer_to_line(zones, zones%cluster_start(c), zones%cluster_start(c + 1) - 1, &
+                                   n_nodes, node_mass, velocity, layer_force, force, zone_force, &
+                                   work%cluster_energy(:, c), work)
+        end do
+        !$omp end parallel do
+        do c = 1, n_clusters(zones)
+            power = power - work%cluster_energy(1, c)
+        end do
+    end subroutine add_layer_to_lines
+
+    pure subroutine add_layer_to_line(zones, first, last, n_nodes, node_mass, velocity, layer_force, &
+                                      force, zone_force, given, work)
+        !! Add (L B L^T - D) times what the layer's past does to each mass of one line.
+        type(implicit_arrays), intent(in) :: zones
+        integer, intent(in) :: first, last, n_nodes
+        real(dp), intent(in) :: node_mass(n_batch, n_nodes), velocity(n_batch, 3, n_nodes)
+        real(dp), intent(in) :: layer_force(:, :)
+        real(dp), intent(inout) :: force(n_batch, 3, n_nodes), zone_force(n_batch, 3, n_nodes)
+        real(dp), intent(out) :: given(n_batch)                    !! power of what is added [W]
+        type(implicit_work), intent(inout) :: work
+        real(dp) :: added(n_batch, 3, first:last), along(n_batch, 3)
+        integer :: e, j, k, n
+
+        given = 0.0_dp
+        if (all(work%layer_place(first:last) == 0)) return
+        do j = first, last
+            work%solution(:, :, j) = 0.0_dp
+            if (work%layer_place(j) == 0) cycle
+            do k = 1, 3
+                work%solution(:, k, j) = layer_force(k, work%layer_place(j)) &
+                    /node_mass(:, zones%implicit_node(j))
+            end do
+        end do
+        added = 0.0_dp
+        do j = first, last
+            along = work%solution(:, :, j)
+            added(:, :, j) = added(:, :, j) - times(zones%implicit_inertia(:, :, j), along)
+            do e = zones%column_start(j), zones%column_start(j + 1) - 1
+                along = along + turned(zones%block_factor(:, :, e), &
+                                       work%solution(:, :, zones%block_row(e)))
+            end do
+            along = solved(zones%implicit_inverse(:, :, j), along)
+            added(:, :, j) = added(:, :, j) + along
+            do e = zones%column_start(j), zones%column_start(j + 1) - 1
+                n = zones%block_row(e)
+                added(:, :, n) = added(:, :, n) + straight(zones%block_factor(:, :, e), along)
+            end do
+        end do
+        do j = first, last
+            n = zones%implicit_node(j)
+            force(:, :, n) = force(:, :, n) + added(:, :, j)
+            zone_force(:, :, n) = zone_force(:, :, n) + added(:, :, j)
+            given = given + sum(added(:, :, j)*velocity(:, :, n), 2)
+        end do
+    end subroutine add_layer_to_line
+
     subroutine add_implicit_energy(zones, n_nodes, velocity, work, energy)
         !! Add v_old.((dt^2/4) K) v_new/2, which the kinetic energy of implicit zones holds as well.
         type(implicit_arrays), intent(in) :: zones
@@ -144,6 +218,18 @@ contains
         product(:, 2) = matrix(:, 6)*vector(:, 1) + matrix(:, 2)*vector(:, 2) + matrix(:, 4)*vector(:, 3)
         product(:, 3) = matrix(:, 5)*vector(:, 1) + matrix(:, 4)*vector(:, 2) + matrix(:, 3)*vector(:, 3)
     end function times
+
+    pure function straight(block, vector) result(product)
+        !! Product of blocks of nine, column by column, with vectors.
+        real(dp), intent(in) :: block(n_batch, 9), vector(n_batch, 3)
+        real(dp) :: product(n_batch, 3)
+        integer :: k
+
+        do k = 1, 3
+            product(:, k) = block(:, k)*vector(:, 1) + block(:, k + 3)*vector(:, 2) &
+                + block(:, k + 6)*vector(:, 3)
+        end do
+    end function straight
 
     pure function turned(block, vector) result(product)
         !! Product of transposed blocks of nine, column by column, with vectors.

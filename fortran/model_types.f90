@@ -276,6 +276,8 @@ module pyblast_model_types
         real(dp), allocatable :: solution(:, :, :)
             !! acceleration, then the velocity before the step (n_batch, 3, n_implicit)
         real(dp), allocatable :: cluster_energy(:, :)            !! (n_batch, n_clusters) [J]
+        integer, allocatable :: layer_place(:)
+            !! number of each node among those of the absorbing layer, 0: none (n_implicit)
     end type implicit_work
 
     type, public :: nodal_work
@@ -286,6 +288,7 @@ module pyblast_model_types
         real(dp), allocatable :: block_energy(:, :, :)           !! (n_batch, 5, n_blocks) [J]
         real(dp), allocatable :: block_power(:, :)               !! (n_batch, n_blocks) [W]
         real(dp), allocatable :: layer_velocity(:, :)            !! before the step (3, n_layer_nodes)
+        real(dp), allocatable :: layer_force(:, :)               !! of its past [N]
         integer, allocatable :: load_start(:)                    !! of runs of loads on one node
                                                                  !! (n_runs + 1)
         real(dp), allocatable :: load_force(:, :, :)             !! (n_batch, 3, n_runs) [N]

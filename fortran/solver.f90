@@ -7,7 +7,7 @@ module pyblast_solver
     use pyblast_batch, only : n_batch
     use pyblast_model_types, only : allocate_domain_work, domain_work, model_arrays, model_state, &
         n_clusters, n_zone_parts, nodal_work
-    use pyblast_implicit_zones, only : add_implicit_energy, implicit_forces
+    use pyblast_implicit_zones, only : add_implicit_energy, add_layer_to_lines, implicit_forces
     use pyblast_internal_forces, only : zone_forces
     use pyblast_absorbing_layer, only : add_layer_forces, update_layer
     use pyblast_contacts, only : contact_forces
@@ -131,7 +131,11 @@ contains
             if (model%layer%n_slabs > 0) call add_layer_forces( &
                 model%layer, model%contacts, n_nodes, n_slots, n_slots + 2*n_contacts, &
                 nodal%part_force, v, state%layer, nodal%force, nodal%zone_force, &
-                nodal%layer_velocity, before(1, 4))
+                nodal%layer_velocity, nodal%layer_force, before(1, 4))
+            if (model%layer%n_slabs > 0 .and. n_clusters(model%implicit) > 0) &
+                call add_layer_to_lines(model%implicit, n_nodes, model%nodes%node_mass, v, &
+                                        nodal%layer_force, nodal%force, nodal%zone_force, &
+                                        before(1, 4), nodal%implicit)
             call load_forces(model%loads, nodal%load_start, step, n_nodes, v, nodal%load_force, &
                              nodal%force, before(:, 3))
             if (n_clusters(model%implicit) > 0) call implicit_forces( &
@@ -165,7 +169,7 @@ contains
         !! Allocate the forces of a step and the sums over blocks of nodes.
         type(model_arrays), intent(in) :: model
         type(nodal_work), intent(out) :: work
-        integer :: n_nodes, n_blocks
+        integer :: n_nodes, n_blocks, position(size(model%nodes%node_mass, 2)), k
 
         n_nodes = size(model%nodes%node_mass, 2)
         n_blocks = (n_nodes + block_size - 1)/block_size
@@ -176,9 +180,14 @@ contains
         work%load_start = load_runs(model%loads%load_node)
         allocate (work%load_force(n_batch, 3, size(work%load_start) - 1))
         if (model%layer%n_slabs > 0) &
-            allocate (work%layer_velocity(3, size(model%layer%layer_node)))
+            allocate (work%layer_velocity(3, size(model%layer%layer_node)), &
+                      work%layer_force(3, size(model%layer%layer_node)))
         allocate (work%implicit%solution(n_batch, 3, size(model%implicit%implicit_node)))
         allocate (work%implicit%cluster_energy(n_batch, n_clusters(model%implicit)))
+        position = 0
+        if (model%layer%n_slabs > 0) &
+            position(model%layer%layer_node) = [(k, k=1, size(model%layer%layer_node))]
+        work%implicit%layer_place = position(model%implicit%implicit_node)
         allocate (work%step_over_mass(n_batch, 3, n_nodes))
         work%step_over_mass = spread(model%dt/model%nodes%node_mass, 2, 3)
     end subroutine allocate_nodal_work

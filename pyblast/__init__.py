@@ -132,10 +132,17 @@ if not TYPE_CHECKING:
                 return None  # its mesh may take minutes: its line of text
             return __getattr__("ModelView")(shown)._repr_html_()
 
+        def diagnosed(shown):
+            from .report.diagnosis import scene_of
+            from .report.view import ModelView
+
+            return ModelView.of_scene(scene_of(shown, shown.summary))._repr_html_()
+
         formatter = shell.display_formatter.formatters["text/html"]
         for module, name in (
             ("model.model", "Model"), ("project.project", "Project"), ("project.result", "Result"),
         ):  # fmt: skip
             formatter.for_type_by_name(f"pyblast.{module}", name, turned)
+        formatter.for_type_by_name("pyblast.workflows.diagnose", "Diagnosis", diagnosed)
 
     _show_in_notebooks()

@@ -7,7 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from .blasts.peaks import DrawnPeaks
 from .errors import InputError
+from .mesh.quality import refuse_beyond_memory
 from .runs.blast_ensemble import BlastSpectra
 
 FARTHEST = 4.0  # standard deviations, to which larger deviations (6 in 10^5) are clipped
@@ -62,7 +64,11 @@ class FiringScatter:
         times, scales : (n_blasts, n_holes) float64
         """
         generator, times = np.random.default_rng(seed), np.asarray(times, dtype=float)
-        deviations = generator.standard_normal((n_blasts, 2 * len(times) + 3))
+        size = n_blasts, 2 * len(times) + 3
+        refuse_beyond_memory(
+            f"{n_blasts} draws of {len(times)} holes", 4.0 * 8.0 * math.prod(size), "fewer draws"
+        )
+        deviations = generator.standard_normal(size)
         deviations = np.clip(deviations, -FARTHEST, FARTHEST)
         late, strong = np.split(deviations[:, 3:], 2, axis=1)
         unsure = np.exp(self.doubt * deviations[:, :2])
@@ -82,36 +88,6 @@ N_BLASTS = 10_000
 QUANTITIES = ("ppv", "pvs")
 
 
-@dataclass(frozen=True, eq=False)
-class PeakBands:
-    """Distribution of the peaks of many simulated blasts of one plan.
-
-    Parameters
-    ----------
-    receivers : tuple of str
-    peaks : (n_blasts, n_receivers) float64, m/s
-        Sorted at each receiver.
-    """
-
-    receivers: tuple[str, ...]
-    peaks: np.ndarray
-
-    def level(self, share: float) -> np.ndarray:
-        """Return the quantile of the peaks at each receiver, (n_receivers,) m/s."""
-        _check_share(share)
-        return np.quantile(self.peaks, share, axis=0)
-
-    def band(self, share: float) -> np.ndarray:
-        """Return the central interval of this share of blasts, (2, n_receivers) m/s."""
-        _check_share(share)
-        return np.quantile(self.peaks, [0.5 - 0.5 * share, 0.5 + 0.5 * share], axis=0)
-
-    def coverage(self, peaks: np.ndarray, share: float) -> float:
-        """Return the share of other peaks (n_others, n_receivers) within the band."""
-        low, high = self.band(share)
-        return float(np.mean((peaks >= low) & (peaks <= high)))
-
-
 def peak_bands(
     spectra: BlastSpectra,
     times: ArrayLike,
@@ -121,7 +97,7 @@ def peak_bands(
     n_blasts: int = N_BLASTS,
     seed: int = 0,
     quantity: str = "ppv",
-) -> PeakBands:
+) -> DrawnPeaks:
     """Simulate the peaks of a plan by Monte Carlo draws of times and charges.
 
     Parameters
@@ -138,7 +114,7 @@ def peak_bands(
 
     Returns
     -------
-    PeakBands
+    DrawnPeaks
 
     Raises
     ------
@@ -146,7 +122,9 @@ def peak_bands(
         If the quantity is unknown, or times lie outside those of the spectra.
     """
     peaks = drawn_peaks(spectra, times, scatter, scales, n_blasts, seed, quantity)
-    return PeakBands(tuple(receiver.name for receiver in spectra.receivers), np.sort(peaks, axis=0))
+    return DrawnPeaks(
+        tuple(receiver.name for receiver in spectra.receivers), np.sort(peaks, axis=0)
+    )
 
 
 def drawn_peaks(
@@ -163,12 +141,6 @@ def drawn_peaks(
         raise InputError(f'quantity: must be "ppv" or "pvs", got {quantity!r}')
     peaks = spectra.peaks(*scatter.drawn(times, n_blasts, seed, scales))
     return peaks.pvs if quantity == "pvs" else peaks.ppv.max(axis=-1)
-
-
-def _check_share(share):
-    """Check that a share lies between 0 and 1."""
-    if not 0.0 < share < 1.0:
-        raise InputError(f"peak bands: share must lie between 0 and 1, got {share:g}")
 
 
 SEARCHED, BEST, FRESH, RESAMPLED = 200, 6, 4000, 400
@@ -413,7 +385,7 @@ class DelayPlan:
     Parameters
     ----------
     limits : (n_houses,) float64, m/s
-    before, after : PeakBands
+    before, after : DrawnPeaks
         Of the present and of the best times, by blasts that the search did not use.
     best : BestDelays
     gain : Gain
@@ -421,14 +393,10 @@ class DelayPlan:
     """
 
     limits: np.ndarray
-    before: PeakBands
-    after: PeakBands
+    before: DrawnPeaks
+    after: DrawnPeaks
     best: BestDelays
     gain: Gain
-
-    def share_within(self, bands: PeakBands) -> np.ndarray:
-        """Return the share of blasts within the limit at each house, (n_houses,)."""
-        return np.mean(bands.peaks <= self.limits, axis=0)
 
 
 def plan_delays(

@@ -26,7 +26,7 @@ FIRST = 300  # calls of a walk that are followed
 COUNTED = {
     "grounds built": ("simulation.recipe:mesh_ground", "project.elements:make_ground"),
     "grounds surveyed": ("mesh.as_built:as_built",),
-    "models built": ("simulation.simulation:model", "project.project:model"),
+    "models built": ("project.project:model",),
     "records gathered": ("survey:records", "diagnosis.case:case_of"),
 }
 WALKED = {

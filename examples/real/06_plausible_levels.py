@@ -35,7 +35,7 @@ def outside(scaled, peak):
 
 def one_law(law, scaled, peak):
     """Return the share of peaks outside of the 5-95 % range of one law."""
-    ends = np.array([[law.ends(s * w**0.5, w) for s in scaled] for w in CHARGES])
+    ends = np.array([[law.peak(s * w**0.5, w).band(0.9) for s in scaled] for w in CHARGES])
     return float(np.mean((peak < ends[..., 0]) | (peak > ends[..., 1])))
 
 

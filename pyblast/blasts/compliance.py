@@ -1,8 +1,9 @@
 """Compliance: peaks of a blast against limit curves, and how each share of a limit follows."""
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -11,7 +12,8 @@ from ..signals.comparison import LimitCurve, load_limits
 from ..signals.seismogram import Seismogram
 from ..signals.spectra import zero_crossing_frequency
 from ..units import plain_number
-from .published_laws import HARD_ROCK
+from .peaks import LEVEL, PeakDistribution
+from .published_laws import BY_NAME, HARD_ROCK
 
 ORIENTATION = ("din_4150_dwelling", "usbm_plaster")  # shown where no standard is chosen
 METHOD = "zero crossing at the peak"
@@ -41,6 +43,10 @@ class Assessment:
         Largest length of the velocity vector at one instant.
     distance, charge : float, m, kg
         Of the 8 ms window that is nearest by scaled distance; NaN if unknown.
+    high : float, m/s
+        95 % of such blasts stay below it; NaN for a record, and where no scatter is known.
+    level_by : str
+        Law that sets the level of a simulated motion, "" where none does.
     """
 
     receiver: str
@@ -53,6 +59,8 @@ class Assessment:
     vector_sum: float
     distance: float = math.nan
     charge: float = math.nan
+    high: float = math.nan
+    level_by: str = ""
 
     @property
     def share(self) -> float:
@@ -76,6 +84,7 @@ def assess(
     kind: str = "simulated",
     window: tuple[float, float] | None = None,
     receiver: str | None = None,
+    error: tuple[PeakDistribution, str] | None = None,
 ) -> Assessment | None:
     """Compare the peaks of a motion with a limit curve.
 
@@ -89,6 +98,8 @@ def assess(
         Distance in m and charge in kg in 8 ms.
     receiver : str, optional
         The label of the motion by default.
+    error : tuple of PeakDistribution and str, optional
+        Of the peak over that of the motion (1 as much), and the law that it comes from.
 
     Returns
     -------
@@ -112,10 +123,12 @@ def assess(
     """
     curve = load_limits()[key]
     distance, charge = window or (math.nan, math.nan)
+    above = math.nan if error is None else float(error[0].level(LEVEL))
     rows = [
         Assessment(
             motion.label if receiver is None else receiver, kind, key, name, size, hz,
-            limit_at(curve, hz), motion.pvs, distance, charge,
+            limit_at(curve, hz), motion.pvs, distance, charge, above * size,
+            "" if error is None else error[1],
         )
         for name, size, hz in peaks_under(motion, curve.quantity)
         if size > 0.0
@@ -151,6 +164,7 @@ def assess_all(
     motions: dict[str, dict[str, Seismogram]],
     windows: dict[str, tuple[float, float] | None],
     curves: Sequence[str],
+    errors: Mapping[str, tuple[PeakDistribution, str] | None] = MappingProxyType({}),
 ) -> list[Assessment]:
     """Compare motions of all receivers with limit curves, those for orientation if none is chosen.
 
@@ -161,9 +175,14 @@ def assess_all(
     windows : dict of str to tuple of 2 float, or None
         Distance in m and charge in kg in 8 ms of each receiver.
     curves : sequence of str
+    errors : mapping of str to tuple of PeakDistribution and str, or None
+        Of simulated peaks by receiver, as `assess`.
     """
     rows = (
-        assess(motion, key, kind=kind, window=windows.get(receiver), receiver=receiver)
+        assess(
+            motion, key, kind=kind, window=windows.get(receiver), receiver=receiver,
+            error=errors.get(receiver) if kind == "simulated" else None,
+        )
         for kind, at_receivers in motions.items()
         for receiver, motion in at_receivers.items()
         for key in curves or ORIENTATION
@@ -185,20 +204,59 @@ def conclusion(rows: Iterable[dict], chosen: bool) -> str:
     known = [row for row in rows if not _missing(row["share"])]
     if not known:
         return "Not assessed: no limit curve has a value at the frequencies of the peaks."
-    worst = max(known, key=lambda row: row["share"])
+    worst = max(known, key=share_at_level)
     text = (
-        f"{_percent(worst['share'])} the limit of {names[worst['curve']].name} at "
+        f"{_percent(share_at_level(worst))} the limit of {names[worst['curve']].name} at "
         f"{worst['receiver']}, {worst['kind']} ({plain_number(1e3 * worst['peak'])} of "
         f"{plain_number(1e3 * worst['limit'])} mm/s"
     )
-    text += ")" if _missing(worst["frequency"]) else f" at {plain_number(worst['frequency'])} Hz)"
-    over = sorted({row["receiver"] for row in known if row["share"] > 1.0})
+    text += "" if _missing(worst["frequency"]) else f" at {plain_number(worst['frequency'])} Hz"
+    text += _high_words(worst) + ")"
+    over = sorted({row["receiver"] for row in known if share_at_level(row) > 1.0})
     if not chosen:
         return (
             f"No standard is chosen (run.limit_curves). For orientation: {text}; "
             f"{'above it at ' + _some(over) if over else 'below it everywhere'}."
         )
-    return f"Not allowed at {_some(over)}: {text}." if over else f"Allowed: at most {text}."
+    words = f"Not allowed at {_some(over)}: {text}." if over else f"Allowed: at most {text}."
+    law = unsigned(known)
+    if not law:
+        return words
+    return (
+        f"Not to be signed: the level stands on a published law alone ({law}); calibrate it by one "
+        "recorded blast of known holes, charges and distance (pyblast source, pyblast sitelaw). "
+        f"By that law {words[0].lower()}{words[1:]}"
+    )
+
+
+def share_at_level(row: dict) -> float:
+    """Return the share of its limit that 95 % of such blasts stay below, that of a record itself.
+
+    Parameters
+    ----------
+    row : dict
+        As `Assessment.table`; NaN without a limit.
+    """
+    if _missing(row["share"]):
+        return math.nan
+    high = row.get("high")
+    return row["share"] if _missing(high) else max(row["share"], high / row["limit"])
+
+
+def unsigned(rows: Iterable[dict]) -> str:
+    """Return the published law on which alone the level of simulated peaks stands; "" if none."""
+    laws = {row.get("level_by") for row in rows} & set(BY_NAME)
+    return ", ".join(sorted(laws))
+
+
+def _high_words(row):
+    """Return which level 95 % of such blasts stay below, as part of a sentence."""
+    if _missing(row.get("high")):
+        return ""
+    return (
+        f"; {100 * LEVEL:g} % of such blasts stay below {plain_number(1e3 * row['high'])} mm/s by "
+        f"{row['level_by']}"
+    )
 
 
 def _some(names):
@@ -286,8 +344,10 @@ def _corners_around(curve, hz):
 
 def _what_passes(row):
     """Return what would pass, or how much room is left."""
-    share, law = row["share"], HARD_ROCK
+    share, law = share_at_level(row), HARD_ROCK
     head = f"At this frequency {plain_number(1e3 * row['limit'])} mm/s would pass"
+    if not _missing(row.get("high")):
+        head += f" in {100 * LEVEL:g} % of blasts"
     if _missing(row["scaled_distance"]):
         return f"{head}: {plain_number(1.0 / share)} times this peak."
     charge = row["charge"] * share ** (-2.0 / law.beta)
@@ -305,6 +365,7 @@ HEADS = (
     ("vector_sum_mm_per_s", "vector_sum", 1e3), ("distance_m", "distance", 1.0),
     ("charge_in_8_ms_kg", "charge", 1.0), ("scaled_distance_m_per_kg05", "scaled_distance", 1.0),
     ("limit_mm_per_s", "limit", 1e3), ("share_of_limit", "share", 1.0),
+    ("ppv_of_95_percent_mm_per_s", "high", 1e3), ("level_by", "level_by", 1.0),
 )  # fmt: skip
 
 

@@ -1,13 +1,16 @@
 """Published laws: scaled distance and its plausible range, explosives."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from ..units import plain_number
+from .peaks import PeaksOfLaw
 from .site_law import scaled_distance, scaled_distance_ppv
 
+DEVIATIONS = 1.6448536269514722  # of a normal distribution from its median to 95 %
 DECADE = (10.0**-0.5, 10.0**0.5)
 IMPERIAL = 0.0254 * (0.3048 / 0.45359237**0.5) ** 1.6  # k of in/s and ft/lb^0.5, exponent 1.6
 FARTHEST = 450.0  # m/kg^0.5, end of the chart of Oriard's law
@@ -26,10 +29,10 @@ class PublishedLaw:
     k : float
         Peak velocity in m/s of 1 kg at 1 m.
     beta, charge_exponent : float
-    spread : tuple of 2 float
-        Ends of the 5-95 % range as factors on the law. A decade, as the two laws that state their
-        range have it, where the source states none.
-    states_spread : bool
+    factors : tuple of 2 float
+        Ends of the 5-95 % range over the law. A decade, as the two laws that state their range
+        have it, where the source states none.
+    states_factors : bool
         Whether the source states it.
     """
 
@@ -39,8 +42,8 @@ class PublishedLaw:
     k: float
     beta: float
     charge_exponent: float = 0.5
-    spread: tuple[float, float] = DECADE
-    states_spread: bool = False
+    factors: tuple[float, float] = DECADE
+    states_factors: bool = False
 
     def ppv(self, distance: float, charge: float) -> float:
         """Return the peak velocity in m/s at a distance in m from a charge in kg.
@@ -52,10 +55,11 @@ class PublishedLaw:
         """
         return float(scaled_distance_ppv(distance, charge, self.k, self.beta, self.charge_exponent))
 
-    def ends(self, distance: float, charge: float) -> tuple[float, float]:
-        """Return the ends in m/s of the 5-95 % range at a distance in m, charge in kg."""
-        middle = self.ppv(distance, charge)
-        return self.spread[0] * middle, self.spread[1] * middle
+    def peak(self, distance: float, charge: float) -> PeaksOfLaw:
+        """Return the distribution of the peak at a distance in m from a charge in kg."""
+        below, above = (abs(math.log10(factor)) / DEVIATIONS for factor in self.factors)
+        exponent = self.beta * self.charge_exponent
+        return PeaksOfLaw(self.ppv(distance, charge), below, above, math.inf, charge, exponent)
 
 
 LAWS = (
@@ -64,12 +68,12 @@ LAWS = (
         "Oriard 1972; Caltrans, Transportation and Construction Vibration Guidance Manual (2013), "
         "eq. 13: 24 to 242 in/s hold most conventional blasts",
         IMPERIAL * (24.0 * 242.0) ** 0.5, 1.6,
-        spread=((24.0 / 242.0) ** 0.5, (242.0 / 24.0) ** 0.5), states_spread=True,
+        factors=((24.0 / 242.0) ** 0.5, (242.0 / 24.0) ** 0.5), states_factors=True,
     ),
     PublishedLaw(
         "AS 2187.2-2006", "average rock, free face",
         "AS 2187.2-2006, appendix J: 1140 mm/s, in practice 0.4 to 4 times of it",
-        1.140, 1.6, spread=(0.4, 4.0), states_spread=True,
+        1.140, 1.6, factors=(0.4, 4.0), states_factors=True,
     ),
     PublishedLaw(
         "AS 2187.2-1993", "hard or highly structured rock, free face",
@@ -185,7 +189,7 @@ def plausible_ppv(
     scaled = float(scaled_distance(distance, charge))
     if scaled > FARTHEST:
         return None
-    ends = np.array([law.ends(distance, charge) for law in laws])
+    ends = np.array([law.peak(distance, charge).band(0.9) for law in laws])
     low, high = float(ends[:, 0].min()), float(ends[:, 1].max())
     names = tuple(law.name for law in laws)
     return PlausibleRange(low, high, float(distance), float(charge), names)

@@ -2,7 +2,7 @@
 
 import math
 import warnings
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple
 
@@ -14,6 +14,7 @@ from ..errors import InputError, PyblastWarning, ReadError
 from ..readers.cells import wanted_by
 from ..readers.provenance import ReadLog
 from ..readers.tables import load_mapping, read_table
+from .peaks import LEVEL, PeaksOfLaw
 
 FEWEST, NARROWEST, BEYOND = 6, 2.0, 1.5
 WANTED_RECORDS, WANTED_R2, CURVED = 30, 0.5, 0.01
@@ -55,40 +56,37 @@ class SiteLaw:
     notes: tuple[str, ...] = ()
 
     @property
+    def n_free(self) -> int:
+        """Degrees of freedom of the scatter: records less the values that were fitted."""
+        return self.n - (2 if math.isfinite(self.breadth) else 1)
+
+    @property
     def k95(self) -> float:
         """Factor of the parallel line k 10^(1.645 s), m/s, that many programs print.
 
-        Without the uncertainty of k, beta and s, which ``line(..., 0.95)`` includes.
+        Without the uncertainty of k, beta and s, which ``peak(...).level(0.95)`` includes.
         """
         return float(self.k * 10.0 ** (scipy.stats.norm.ppf(0.95) * self.s))
 
     def beta_interval(self, share: float = 0.90) -> tuple[float, float]:
         """Return the ends of the interval that holds beta with this probability."""
-        half = scipy.stats.t.ppf(0.5 + 0.5 * share, self.n - 2) * self.s / math.sqrt(self.breadth)
+        half = scipy.stats.t.ppf(0.5 + 0.5 * share, self.n_free) * self.s / math.sqrt(self.breadth)
         return float(self.beta - half), float(self.beta + half)
 
-    def line(self, distance: ArrayLike, charge: ArrayLike, share: float = 0.5) -> np.ndarray:
-        """Return the peak velocity that this share of new blasts stays below; theory.md (13.4).
+    def peak(self, distance: ArrayLike, charge: ArrayLike) -> "PeaksOfSite":
+        """Return the distribution of the peak of new blasts; theory.md (13.4).
 
         Parameters
         ----------
         distance : float or array, m
         charge : float or array, kg
             Largest charge within 8 ms.
-        share : float
-            0.5 is the law itself.
-
-        Returns
-        -------
-        float64 or array, m/s
 
         Raises
         ------
         InputError
             If a scaled distance lies more than 1.5 times outside those of the records.
         """
-        if not 0.0 < share < 1.0:
-            raise InputError(f"site law: share must lie between 0 and 1, got {share:g}")
         scaled = scaled_distance(distance, charge, self.charge_exponent)
         low, high = self.reach[0] / BEYOND, self.reach[1] * BEYOND
         if np.any(scaled < low * (1.0 - 1e-12)) or np.any(scaled > high * (1.0 + 1e-12)):
@@ -99,10 +97,12 @@ class SiteLaw:
             )
         away = np.log10(scaled) - self.middle
         spread = self.s * np.sqrt(1.0 + 1.0 / self.n + away**2 / self.breadth)
-        factor = 10.0 ** (scipy.stats.t.ppf(share, self.n - 2) * spread)
-        return self.k * scaled**-self.beta * factor
+        return PeaksOfSite(
+            self.k * scaled**-self.beta, spread, spread, self.n_free, charge,
+            self.beta * self.charge_exponent, law=self, distance=distance,
+        )  # fmt: skip
 
-    def largest_charge(self, distance: float, ppv: float, share: float = 0.95) -> float:
+    def largest_charge(self, distance: float, ppv: float, share: float = LEVEL) -> float:
         """Return the charge in 8 ms whose peak stays below ``ppv`` in this share of new blasts.
 
         Parameters
@@ -121,7 +121,7 @@ class SiteLaw:
             If it would lie where the law is not known.
         """
         scaled = np.geomspace(self.reach[0] / BEYOND, self.reach[1] * BEYOND, 2000)
-        level = self.line(scaled, 1.0, share)
+        level = self.peak(scaled, 1.0).level(share)
         above = np.flatnonzero(level > ppv)
         if len(above) == 0 or above[-1] == len(scaled) - 1:
             raise InputError(
@@ -131,6 +131,26 @@ class SiteLaw:
         pair = slice(above[-1], above[-1] + 2)
         at = np.exp(np.interp(-math.log(ppv), -np.log(level[pair]), np.log(scaled[pair])))
         return float((distance / at) ** (1.0 / self.charge_exponent))
+
+
+@dataclass(frozen=True, eq=False)
+class PeaksOfSite(PeaksOfLaw):
+    """Distribution of peaks by a site law, whose spread grows away from its records.
+
+    Parameters
+    ----------
+    law : SiteLaw
+    distance : float or array, m
+        The others as `PeaksOfLaw`.
+    """
+
+    law: SiteLaw = field(kw_only=True)
+    distance: ArrayLike = field(kw_only=True)
+
+    def charge_below(self, limit: float, share: float = LEVEL) -> np.ndarray:
+        """Return the charge in kg in 8 ms with which this share stays below a limit in m/s."""
+        at_one_metre = self.law.largest_charge(1.0, limit, share)
+        return at_one_metre * np.asarray(self.distance) ** (1.0 / self.law.charge_exponent)
 
 
 def scaled_distance(

@@ -150,7 +150,14 @@ def run_command(
 
 
 @app.command("check", cls=Finite)
-def check_command(project: ProjectFile, full: Full = False, verbose: Verbose = False):
+def check_command(
+    project: ProjectFile,
+    page: Annotated[
+        Path | None, typer.Option(help="Page of the findings and the model, which one can turn.")
+    ] = None,
+    full: Full = False,
+    verbose: Verbose = False,
+):
     """Check a project: size and cost of its run, and findings about its model and data.
 
     Shows volumes, zones, the highest frequency that the mesh carries in each material, time step,
@@ -166,6 +173,12 @@ def check_command(project: ProjectFile, full: Full = False, verbose: Verbose = F
             result = check_project(loaded, progress=progress)
         console.show_inputs(loaded.log.table(), verbose)
         console.show_check(result)
+        if page is not None:
+            from ..project.result import write_text
+            from ..report.view import ModelView
+
+            write_text(page, ModelView(loaded).page(result))
+            console.say(f"view: {page}")
         if loaded.config.back_analysis is not None and not is_recorded(loaded):
             console.say("[back_analysis]: no record yet; use backanalyse --design-survey")
         else:

@@ -413,7 +413,7 @@ def show_site_law(law: "SiteLaw", limit: float | None = None) -> None:
     table = _table(f"SD m/{unit}", "50 % mm/s", "95 % mm/s")
     low, high = law.reach
     for scaled in (low * (high / low) ** (step / 6) for step in range(7)):
-        lines = (f"{1e3 * law.line(scaled, 1.0, share):.3g}" for share in (0.5, 0.95))
+        lines = (f"{1e3 * law.peak(scaled, 1.0).level(share):.3g}" for share in (0.5, 0.95))
         table.add_row(f"{scaled:.3g}", *lines)
     _out.print(table)
     if limit is not None:

@@ -17,26 +17,35 @@ from .ground import (
     MeshConfig,
     with_unused_ground,
 )
-from .section import (
+from .keys import (
     Band,
     Bearing,
-    CandidateConfig,
+    Charge,
     ChargeExponent,
     Count,
     Curve,
     Density,
     Exponent,
+    Factor,
+    Fraction,
     Inclination,
     Law,
     Name,
     NotNegative,
+    Peak,
     Place,
     Point,
     Positive,
-    RecordingConfig,
-    Section,
+    Radius,
+    Seed,
     Span,
     Speed,
+    Usual,
+)
+from .section import (
+    CandidateConfig,
+    RecordingConfig,
+    Section,
     merged,
     read_toml,
     sentence_of,
@@ -66,17 +75,22 @@ class ParameterConfig(Section):
     laboratory: Span | None = None
 
 
+Candidates = Annotated[
+    list[Annotated[int, Field(ge=1, le=100)]], Field(min_length=2, max_length=2)
+]
+
+
 class BackAnalysisConfig(Section):
     """Back-analysis: parameters, records, method."""
 
     method: Name = DEFAULT_METHOD
     misfit: Name = "waveform"
     runs: Count = 60
-    seed: Annotated[int, Field(ge=0)] = 0
+    seed: Seed = 0
     receivers: list[Name] = Field([])
     blasts: list[Name] = Field([])
     noise_mm_per_s: Positive | None = None
-    candidate_grid: Annotated[list[Count], Field(min_length=2, max_length=2)] = Field([5, 4])
+    candidate_grid: Candidates = Field([5, 4])
     candidate_blasts: list[Name] = Field([])
     parameters: Annotated[list[ParameterConfig], Field(min_length=1)]
 
@@ -87,7 +101,7 @@ class PriorsConfig(Section):
     speed_percent: NotNegative = 2.0
     density_percent: NotNegative = 3.0
     stiffness_percent: NotNegative = 30.0
-    inverse_q: NotNegative = 0.002
+    inverse_q: Fraction = 0.002
     thickness_m: NotNegative = 0.3
     dip_deg: NotNegative = 1.0
     dip_direction_deg: NotNegative = 2.0
@@ -132,10 +146,10 @@ class DelaysConfig(Section):
     scatter_percent: NotNegative = 0.0
     charge_percent: NotNegative = 0.0
     blast_percent: NotNegative = 0.0
-    doubt: NotNegative = 0.0
+    doubt: Annotated[float, Field(ge=0.0, le=10.0)] = 0.0
     wave_speed_m_per_s: Speed | None = None
     draws: Count = 4000
-    seed: Annotated[int, Field(ge=0)] = 0
+    seed: Seed = 0
     houses: Annotated[list[HouseConfig], Field(min_length=1)]
 
     @model_validator(mode="after")
@@ -207,7 +221,7 @@ class DiagnosisConfig(Section):
         return self
 
 
-MOST_HOLES = 100_000
+MOST_HOLES, MOST_SAMPLES = 100_000, 10_000_000
 
 
 class BlastConfig(Section):
@@ -216,23 +230,23 @@ class BlastConfig(Section):
     rows: Count | None = None
     holes_per_row: Count | None = None
     delay_ms: NotNegative | None = None
-    charge_kg: Positive | None = None
-    diameter_mm: Positive | None = None
-    depth_m: Positive | None = None
-    burden_m: Positive | None = None
-    spacing_m: Positive | None = None
+    charge_kg: Charge | None = None
+    diameter_mm: Annotated[Positive, Usual(5.0, 1500.0)] | None = None
+    depth_m: Annotated[Positive, Usual(0.05, 300.0)] | None = None
+    burden_m: Annotated[Positive, Usual(0.01, 100.0)] | None = None
+    spacing_m: Annotated[Positive, Usual(0.01, 100.0)] | None = None
     position_m: Point | None = None
     row_bearing_deg: Bearing = 0.0
     file: str | None = None
     mapping: str | None = None
     sheet: str | None = None
     shift_m: Point = Field([0.0, 0.0, 0.0])
-    explosive_kg_per_m3: Density = 850.0
+    explosive_kg_per_m3: Annotated[Density, Usual(200.0, 2500.0)] = 850.0
     reference_charge_kg: Positive | None = None
     charge_exponent: ChargeExponent = 1.0
     wave_speed_m_per_s: Speed | None = None
     scatter_ms: NotNegative = 0.0
-    seed: Annotated[int, Field(ge=0)] = 0
+    seed: Seed = 0
 
     @model_validator(mode="after")
     def _rows_or_table(self):
@@ -253,9 +267,9 @@ class CavityConfig(Section):
     material: Name
     hole_m: Point
     receiver_m: Point
-    charge_kg: Positive
-    radius_m: Positive
-    peak_time_ms: Positive
+    charge_kg: Charge
+    radius_m: Radius
+    peak_time_ms: Peak
     pressure_mpa: Positive | None = None
     peak_mm_per_s: Positive | None = None
     law: Law | None = None
@@ -265,8 +279,13 @@ class CavityConfig(Section):
 
     @model_validator(mode="after")
     def _one_level(self):
-        """Refuse two levels; without one it follows from the law for hard rock."""
+        """Refuse two levels, and more samples than a record has; without level one follows."""
         refuse_two_levels(self)
+        if self.duration_s * self.sampling_hz > MOST_SAMPLES:
+            raise ValueError(
+                f"duration_s and sampling_hz: must make at most {MOST_SAMPLES} samples, "
+                f"got {self.duration_s:g} times {self.sampling_hz:g}"
+            )
         return self
 
 
@@ -275,7 +294,7 @@ class SignatureConfig(Section):
 
     recorded: RecordingConfig | None = None
     cavity: CavityConfig | None = None
-    scale: Positive = 1.0
+    scale: Factor = 1.0
 
     @model_validator(mode="after")
     def _one_source(self):
@@ -340,7 +359,7 @@ class ReceiverConfig(Section):
 class RunConfig(Section):
     """Run: duration, time step, snapshots, comparison."""
 
-    duration_s: Positive
+    duration_s: Annotated[Positive, Usual(5e-3, 60.0)]
     step_factor: Annotated[float, Field(gt=0.0, le=1.0)] | None = None
     local_damping: Annotated[float, Field(ge=0.0, lt=1.0)] = 0.0
     snapshots_s: list[NotNegative] = Field([])

@@ -6,13 +6,15 @@ from typing import Annotated, Literal
 from pydantic import ConfigDict, Field, model_validator
 
 from ..units import plain_number
-from .section import (
+from .keys import (
     Band,
     Bearing,
     Box,
+    Coordinate,
     Count,
     Density,
     Dip,
+    Factor,
     Fraction,
     FrictionAngle,
     Infill,
@@ -22,10 +24,14 @@ from .section import (
     Point,
     Positive,
     Quality,
-    Section,
+    Seed,
+    Share,
     Size,
     Speed,
+    Usual,
+    range_of_property,
 )
+from .section import Section
 
 LengthUnit = Literal["m", "km", "cm", "mm", "ft", "us_ft", "in"]
 
@@ -36,7 +42,7 @@ class LayerConfig(Section):
     material: Name
     thickness_m: Positive | None = None
     edge_m: Positive | None = None
-    edges_per_wavelength: Positive | None = None
+    edges_per_wavelength: Factor | None = None
 
 
 class RefinementConfig(Section):
@@ -81,14 +87,14 @@ class FractureConfig(Section):
     file_unit: LengthUnit | None = None
     dip_deg: Dip | None = None
     dip_direction_deg: Bearing | None = None
-    fisher_kappa: Positive | None = None
-    p32: Positive | None = None
+    fisher_kappa: Factor | None = None
+    p32: Factor | None = None
     radius_law: Literal["constant", "exponential", "lognormal", "power"] = "constant"
     radius_m: Positive | None = None
     radius_deviation_m: Positive | None = None
-    radius_exponent: Positive | None = None
+    radius_exponent: Factor | None = None
     radius_range_m: Band | None = None
-    seed: Annotated[int, Field(ge=0)] = 0
+    seed: Seed = 0
     ends_at: list[Name] = Field([])
 
     @model_validator(mode="after")
@@ -157,7 +163,7 @@ class MeshConfig(Section):
     benches: list[BenchConfig] = Field([])
     fractures: list[FractureConfig] = Field([])
     edge_m: Positive | None = None
-    edges_per_wavelength: Positive | None = None
+    edges_per_wavelength: Factor | None = None
     frequency_hz: Positive | None = None
     layers: list[LayerConfig] = Field([])
     refinements: list[RefinementConfig] = Field([])
@@ -167,11 +173,11 @@ class MeshConfig(Section):
     kind: Literal["auto", "hexahedra", "tetrahedra"] = "auto"
     order: Annotated[int, Field(ge=2, le=8)] | None = None
     accuracy: Annotated[float, Field(ge=1e-4, le=0.1)] = 0.01
-    near_source_work: Annotated[float, Field(ge=1.0)] = 10.0
+    near_source_work: Annotated[float, Field(ge=1.0, le=1e6)] = 10.0
     quadratic: bool = False
     padding_m: Positive | None = None
     padding_edge_m: Positive | None = None
-    seed: Annotated[int, Field(ge=0)] = 0
+    seed: Seed = 0
     file: str | None = None
     file_groups: dict[str, Name] = Field({})
     file_joints: dict[str, Name] = Field({})
@@ -208,7 +214,7 @@ class MeshConfig(Section):
 
     @model_validator(mode="after")
     def _faults_within(self):
-        """Refuse faults whose plane does not meet the box; those under a surveyed surface may."""
+        """Refuse faults that miss the box, or end beyond it; not those under a surveyed surface."""
         if self.size_m is None or self.surface_file is not None:
             return self
         out = self.padding_m or 0.0
@@ -226,6 +232,15 @@ class MeshConfig(Section):
                 raise ValueError(
                     f"faults.{fault.name}: its plane passes the box of the mesh at "
                     f"{plain_number(abs(at) - reach)} m; move through_m, or leave the fault out"
+                )
+            away = zip(half, centre, fault.through_m, strict=True)
+            corner = math.hypot(*(h + abs(c - p) for h, c, p in away))
+            key = "extent_m" if fault.radius_m is None else "radius_m"
+            sizes = fault.extent_m or [2.0 * (fault.radius_m or 0.0)]
+            if 0.5 * min(sizes) >= corner:
+                raise ValueError(
+                    f"faults.{fault.name}.{key}: reaches beyond the box of the mesh on all sides, "
+                    f"whose farthest corner is at {plain_number(corner)} m; leave it out"
                 )
         return self
 
@@ -271,14 +286,14 @@ class YieldingConfig(Section):
 class HoekBrownConfig(Section):
     """Ground that yields by Hoek and Brown."""
 
-    sigci_mpa: Positive
-    mi: Positive
+    sigci_mpa: Annotated[Positive, Usual(0.1, 1000.0)]
+    mi: Annotated[float, Field(gt=0.0, le=100.0)]
     gsi: Annotated[float, Field(ge=5.0, le=100.0)]
     disturbance: Fraction = 0.0
     dilation_angle_deg: FrictionAngle = 0.0
     tension_kpa: NotNegative | None = None
-    m_residual: Positive | None = None
-    s_residual: NotNegative | None = None
+    m_residual: Annotated[float, Field(gt=0.0, le=100.0)] | None = None
+    s_residual: Fraction | None = None
     tension_residual_kpa: NotNegative | None = None
     shear_strain_percent: NotNegative = 0.0
     tensile_strain_percent: NotNegative = 0.0
@@ -303,7 +318,7 @@ class TransverseConfig(Section):
     young_mpa: Modulus
     young_normal_mpa: Modulus
     poisson: Annotated[float, Field(gt=-1.0, lt=1.0)]
-    poisson_normal: float
+    poisson_normal: Annotated[float, Field(ge=-10.0, le=10.0)]
     shear_normal_mpa: Modulus
 
 
@@ -313,8 +328,8 @@ class MediumJointsConfig(Section):
     dip_deg: Dip
     dip_direction_deg: Bearing
     spacing_m: Positive
-    kn_gpa_per_m: Positive
-    ks_gpa_per_m: Positive
+    kn_gpa_per_m: Annotated[Positive, Usual(1e-4, 1e5)]
+    ks_gpa_per_m: Annotated[Positive, Usual(1e-5, 1e5)]
 
 
 SOFT, HEAVY = 150.0, 2300.0  # speed of shear waves in m/s that no rock has which is denser, kg/m3
@@ -329,7 +344,7 @@ class MaterialConfig(Section):
     young_mpa: Modulus | None = None
     poisson: Annotated[float, Field(gt=-1.0, lt=0.5)] | None = None
     cp_m_per_s: Speed | None = None
-    cs_m_per_s: Speed | None = None
+    cs_m_per_s: Annotated[Speed, Usual(10.0, 7500.0)] | None = None
     cohesion_kpa: NotNegative | None = None
     tension_kpa: NotNegative | None = None
     friction_angle_deg: FrictionAngle | None = None
@@ -349,15 +364,18 @@ class MaterialConfig(Section):
         """Ask for one pair of elastic constants, or those of transverse ground."""
         speeds = "cp_m_per_s", "cs_m_per_s"
         self._one_of(("bulk_mpa", "shear_mpa"), ("young_mpa", "poisson"), speeds, ("transverse",))
-        key, shear = "shear_mpa", self.shear_mpa
+        key, shear, unit = "shear_mpa", self.shear_mpa, "GPa"
         if self.young_mpa is not None:
             key, shear = "young_mpa", 0.5 * self.young_mpa / (1.0 + self.poisson)
+        if self.cs_m_per_s is not None:
+            key, unit = "cs_m_per_s", "km/s"
+            shear = 1e-6 * self.density_kg_per_m3 * self.cs_m_per_s**2
         if shear is not None and self.density_kg_per_m3 > HEAVY:
             slow = math.sqrt(1e6 * shear / self.density_kg_per_m3)
             if slow < SOFT:
                 raise ValueError(
                     f"{key}: {getattr(self, key):g} gives shear waves of {slow:.3g} m/s, but rock "
-                    f"of {self.density_kg_per_m3:g} kg/m3 has {SOFT:g} and more; is it in GPa?"
+                    f"of {self.density_kg_per_m3:g} kg/m3 has {SOFT:g} and more; is it in {unit}?"
                 )
         return self
 
@@ -404,7 +422,12 @@ class JointConfig(Section):
 
     @model_validator(mode="after")
     def _both(self):
-        """Ask for both numbers of a heavy fill."""
+        """Ask for both numbers of a heavy fill, and for properties within their ranges."""
+        for key, value in (self.model_extra or {}).items():
+            try:
+                range_of_property(key).check(value)
+            except ValueError as error:
+                raise ValueError(f"{key}: {error}") from None
         if (self.fill_density_kg_per_m3 is None) != (self.fill_thickness_mm is None):
             raise ValueError("fill_density_kg_per_m3 and fill_thickness_mm go together")
         return self
@@ -434,14 +457,19 @@ class BoundariesConfig(Section):
         return self
 
 
+Stress = Annotated[
+    list[Annotated[float, Usual(-500.0, 500.0)]], Field(min_length=6, max_length=6)
+]
+
+
 class InSituConfig(Section):
     """Weight and horizontal stress before the blast."""
 
     gravity_m_per_s2: NotNegative = 9.81
-    horizontal_ratio: NotNegative = 0.5
-    stress_mpa: Annotated[list[float], Field(min_length=6, max_length=6)] = Field([0.0] * 6)
-    water_table_m: float | None = None
-    water_density_kg_per_m3: Density = 1000.0
+    horizontal_ratio: Annotated[float, Field(ge=0.0, le=1e3), Usual(0.0, 10.0)] = 0.5
+    stress_mpa: Stress = Field([0.0] * 6)
+    water_table_m: Coordinate | None = None
+    water_density_kg_per_m3: Annotated[Density, Usual(900.0, 1300.0)] = 1000.0
 
 
 class AbsorbingLayerConfig(Section):
@@ -452,15 +480,12 @@ class AbsorbingLayerConfig(Section):
     lowest_hz: Positive | None = None
 
 
-Share = Annotated[float, Field(ge=0.0, lt=1.0)]
-
-
 class GradientConfig(Section):
     """Wave speeds that grow with depth."""
 
     reduction: Share
     length_m: Positive
-    top_m: float | None = None
+    top_m: Coordinate | None = None
 
 
 class DamagedZoneConfig(Section):
@@ -484,7 +509,7 @@ class HeterogeneityConfig(Section):
 
     deviation: Share
     length_m: Positive
-    seed: Annotated[int, Field(ge=0)] = 0
+    seed: Seed = 0
     hurst: Annotated[float, Field(gt=0.0, le=1.0)] = 0.5
 
 

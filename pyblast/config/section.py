@@ -4,11 +4,10 @@ import difflib
 import re
 import tomllib
 from datetime import date, time
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
 from pydantic import (
-    AfterValidator,
     BaseModel,
     ConfigDict,
     Field,
@@ -17,44 +16,13 @@ from pydantic import (
     model_validator,
 )
 
-from ..blasts.published_laws import BY_NAME
 from ..errors import InputError, ReadError
 from ..model.source import TimeFunction
 from ..readers.cells import Wanted, wanted_by
 from ..readers.provenance import ReadLog
 from ..readers.tables import Rules, read_table, regular_step
-from ..signals.comparison import load_limits
-from ..units import STEEPEST, plain_number
-
-Positive = Annotated[float, Field(gt=0.0)]
-NotNegative = Annotated[float, Field(ge=0.0)]
-Fraction = Annotated[float, Field(ge=0.0, le=1.0)]
-Quality = Annotated[float, Field(ge=2.0)]
-Density = Annotated[float, Field(gt=0.0, le=25000.0)]  # kg/m3; osmium has 22590
-Modulus = Annotated[float, Field(gt=0.0, le=2e6)]  # MPa; diamond has 1.2e6
-Speed = Annotated[float, Field(gt=0.0, le=20000.0)]  # m/s; waves in diamond have 18000
-Exponent = Annotated[float, Field(ge=0.0, le=10.0)]  # of distance
-ChargeExponent = Annotated[float, Field(ge=0.0, le=2.0)]
-Count = Annotated[int, Field(ge=1)]
-Dip = Annotated[float, Field(ge=0.0, le=90.0)]
-Bearing = Annotated[float, Field(ge=-360.0, le=360.0)]
-Inclination = Annotated[float, Field(ge=0.0, le=180.0)]
-FrictionAngle = Annotated[float, Field(ge=0.0, le=STEEPEST)]
-Point = Annotated[list[float], Field(min_length=3, max_length=3)]
-Place = Annotated[list[float], Field(min_length=2, max_length=3)]
-Size = Annotated[list[Positive], Field(min_length=3, max_length=3)]
-Span = Annotated[list[float], Field(min_length=2, max_length=2)]
-Box = Annotated[
-    list[Span], Field(min_length=3, max_length=3), AfterValidator(lambda box: _ascending(box))
-]
-Band = Annotated[
-    list[Positive], Field(min_length=2, max_length=2), AfterValidator(lambda band: _rising(band))
-]
-Infill = Annotated[list[Positive], Field(min_length=1, max_length=2)]
-Name = Annotated[str, Field(min_length=1, max_length=80)]
-Curve = Annotated[str, AfterValidator(lambda key: _known(key))]
-Law = Annotated[str, AfterValidator(lambda name: _published(name))]
-
+from ..units import plain_number
+from .keys import Bearing, Count, Name, Positive, numbers_in, range_of_key, section_in
 
 # Control characters, ends of lines, and marks that turn the direction of writing.
 UNPRINTABLE = re.compile(r"[\x00-\x1f\x7f-\x9f\u2028-\u202e\u2066-\u2069]")
@@ -79,6 +47,15 @@ class Section(BaseModel):
                 raise ValueError(f"must not hold control characters, got {_shown(text)}")
         return value
 
+    @field_validator("*")
+    @classmethod
+    def _within(cls, value, info):
+        """Refuse numbers beyond the range of their key."""
+        known = range_of_key(cls, info.field_name)
+        for number in numbers_in(value) if known else ():
+            known.check(number)
+        return value
+
     def _one_of(self, *choices):
         """Raise an error unless exactly one group of keys is given, and given whole."""
         begun = [c for c in choices if any(getattr(self, key) is not None for key in c)]
@@ -87,37 +64,6 @@ class Section(BaseModel):
         missing = [key for key in begun[0] if getattr(self, key) is None]
         if missing:
             raise ValueError(f"{missing[0]} is missing beside {begun[0][0]}")
-
-
-def _known(key):
-    """Refuse a limit curve that does not come with pyblast."""
-    if key not in load_limits():
-        raise ValueError(f"must be one of {', '.join(load_limits())}, got {key!r}")
-    return key
-
-
-def _published(name):
-    """Refuse a law that is not among those of pyblast."""
-    if name not in BY_NAME:
-        raise ValueError(f"must be one of {', '.join(BY_NAME)}, got {name!r}")
-    return name
-
-
-def _rising(band):
-    """Refuse a band that does not rise."""
-    if not band[0] < band[1]:
-        raise ValueError(f"must rise from the lowest to the highest frequency, got {band}")
-    return band
-
-
-def _ascending(box):
-    """Refuse a box that ends before it begins."""
-    for axis, (low, high) in zip("xyz", box, strict=True):
-        if not low < high:
-            raise ValueError(
-                f"needs low below high on each axis, got {low:g} and {high:g} for {axis}"
-            )
-    return box
 
 
 LEAST_SAMPLES = 4
@@ -516,16 +462,5 @@ def _fields_at(location, root):
     for part in location:
         fields = getattr(section, "model_fields", None)
         if fields is not None and part in fields:
-            section = _section_in(fields[part].annotation)
+            section = section_in(fields[part].annotation)
     return set(getattr(section, "model_fields", {}))
-
-
-def _section_in(annotation):
-    """Return the section class inside an annotation such as ``dict[str, X]`` or ``X | None``."""
-    if hasattr(annotation, "model_fields"):
-        return annotation
-    for part in getattr(annotation, "__args__", ()):
-        section = _section_in(part)
-        if section is not None:
-            return section
-    return None

@@ -5,17 +5,21 @@ from typing import Annotated, Literal
 from pydantic import Field, model_validator
 
 from ..blasts.site_law import scaled_distance_ppv
-from .section import (
+from .keys import (
+    Charge,
     ChargeExponent,
     Exponent,
     Law,
     Name,
+    Peak,
     Place,
     Point,
     Positive,
-    Section,
+    Radius,
     Speed,
+    Usual,
 )
+from .section import Section
 
 Tensor = Annotated[list[float], Field(min_length=6, max_length=6)]
 
@@ -45,9 +49,9 @@ class ChargedHoleConfig(Section):
     """The moment of a charged hole in closed form; its pulse by frequency, or by peak time."""
 
     material: Name
-    charge_kg: Positive
-    radius_m: Positive
-    peak_time_ms: Positive | None = None
+    charge_kg: Charge
+    radius_m: Radius
+    peak_time_ms: Peak | None = None
     frequency_hz: Positive | None = None
     pressure_mpa: Positive | None = None
     peak_mm_per_s: Positive | None = None
@@ -76,7 +80,7 @@ class HolesInsideConfig(Section):
     low_pass_hz: Positive | Literal["mesh", "none"] | None = None
     zero_phase: bool = False
     spread_m: Positive | None = None
-    detonation_m_per_s: Speed | None = None
+    detonation_m_per_s: Annotated[Speed, Usual(1000.0, 10000.0)] | None = None
     primed_at: Literal["toe", "collar"] | None = None
     core_m: Positive | None = None
 
@@ -151,7 +155,7 @@ class AirBlastConfig(Section):
     reference_charge_kg: Positive | None = None
     exponent: Exponent = 1.0
     charge_exponent: ChargeExponent | None = None
-    speed_m_per_s: Positive = 340.0
+    speed_m_per_s: Annotated[Speed, Usual(250.0, 450.0)] = 340.0
 
     @model_validator(mode="after")
     def _one_pulse(self):

@@ -54,7 +54,10 @@ def _pages():
         return float("inf")
 
 
-def refuse_beyond_memory(what: str, needed: float) -> None:
+REMEDY = "longer edges, fewer receivers or a shorter duration"
+
+
+def refuse_beyond_memory(what: str, needed: float, remedy: str = REMEDY) -> None:
     """Raise InputError if more memory is needed than is available.
 
     Raises
@@ -66,15 +69,22 @@ def refuse_beyond_memory(what: str, needed: float) -> None:
     if needed > free:
         raise InputError(
             f"{what} needs about {needed / 1e9:.3g} GB of memory, the machine has "
-            f"{free / 1e9:.3g} GB left; take longer edges, fewer receivers or a shorter duration"
+            f"{free / 1e9:.3g} GB left; take {remedy}"
         )
 
 
-def explicit_work(mesh: Mesh) -> float:
+def explicit_work(mesh: Mesh, speeds: np.ndarray | None = None) -> float:
     """Return the work in 1/m of an explicit run on hexahedra: nodes over the shortest distance.
 
     The distance of two neighbours along a line of nodes, under the least stretch of the mapping
     (smallest singular value of its Jacobian), sets the time step. Infinite for inverted zones.
+
+    Parameters
+    ----------
+    mesh : Mesh
+    speeds : (n_zones,) float64, m/s, optional
+        P speeds: the work is then nodes over the shortest time between neighbours, in 1/s. Zones
+        of no speed set no step.
     """
     if mesh.places is None:  # straight edges: the corners have the extremes
         ends = mesh.points[hexahedra.corner_neighbours(mesh.zones)]
@@ -84,8 +94,10 @@ def explicit_work(mesh: Mesh) -> float:
     if not np.linalg.det(jacobian).min() > 0.0:
         return float("inf")
     points, _ = hexahedra.lobatto(mesh.order)
-    stretch = least_stretch(jacobian).min()
-    return float(len(mesh.zones) * mesh.order**3 / ((points[1] - points[0]) * stretch))
+    stretch = least_stretch(jacobian).reshape(len(mesh.zones), -1).min(axis=1)
+    if speeds is not None:
+        stretch = stretch[speeds > 0.0] / speeds[speeds > 0.0]
+    return float(len(mesh.zones) * mesh.order**3 / ((points[1] - points[0]) * stretch.min()))
 
 
 def least_stretch(jacobian: np.ndarray) -> np.ndarray:

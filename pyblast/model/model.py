@@ -16,6 +16,7 @@ from .ground_fields import GroundField
 from .joint import Joint
 from .material import Branch, Damping, Material, ZoneLaw
 from .source import Source
+from .thin_layers import carried_by_thin_layers
 
 HEX_NODES = 5.0  # of hexahedra per S wavelength, for an error of about one per cent
 
@@ -382,11 +383,23 @@ class Model:
         return 3.0 if self.quadratic else 10.0
 
     def highest_frequency(self) -> dict[str, float]:
-        """Return the highest frequency of each group in Hz: Cs over 10 mean edges, eq. (1)."""
+        """Return the highest frequency of each group in Hz: Cs over 10 mean edges, eq. (1).
+
+        Thin layers of flat hexahedra carry more: `carried_by_thin_layers`.
+        """
         return {
-            group: self.materials[group].cs / (self.edges_per_wavelength * edge)
+            group: max(
+                self.materials[group].cs / (self.edges_per_wavelength * edge),
+                self.thin_layers.get(group, 0.0),
+            )
             for group, edge in self.mean_edges().items()
         }
+
+    @cached_property
+    def thin_layers(self) -> dict[str, float]:
+        """Highest frequency in Hz that flat hexahedra of thin layers at the top carry."""
+        speeds = {group: self.materials[group].cs for group in self.mesh.groups}
+        return carried_by_thin_layers(self.mesh, speeds, self.edges_per_wavelength)
 
     def doubles(self, boundary: StressInput) -> bool:
         """Return whether a stress input is doubled: as given, or if the surface is viscous."""

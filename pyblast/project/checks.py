@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..blasts.blast import ANFO_DENSITY, Firing
+from ..config.keys import unusual
 from ..errors import Finding, InputError, by_wave
 from ..ground.tables import joint_of_surface, set_stiffness
 from ..mesh import quality
@@ -28,7 +29,6 @@ from .level import (
     expected_peaks,
     level_findings,
     source_energy,
-    unlikely_values,
 )
 from .places import (
     face_distance,
@@ -155,13 +155,14 @@ def _mesh_defects(project, summary):
     """D1, D2, D5, D12, D26, D30, D38, D45: zones, size, sides, layers, units, memory, sources."""
     yield checks_ground.beyond_memory(summary.memory, quality.available())
     times = () if project.blast is None else project.blast.times
-    yield unlikely_values(project.materials, project.joints, project.config, times)
+    yield unusual(project.config, project.materials, times)
     band, centre = project.shot.highest_frequency, project.shot.central_frequency
     for group in summary.groups:
-        yield coarse_zones(
-            group.name, project.model.materials[group.name], group.mean_edge, group.volume, band,
-            project.model.edges_per_wavelength,
-        )  # fmt: skip
+        if group.highest_frequency < band:
+            yield coarse_zones(
+                group.name, project.model.materials[group.name], group.mean_edge, group.volume,
+                band, project.model.edges_per_wavelength,
+            )  # fmt: skip
     names = source_names(project.model.sources, project.blast)
     rows = near_receivers(project.model)
     obstacle = refusal(project.model, project.duration) if rows else ""

@@ -448,7 +448,7 @@ def summarise_model(project, measure=False, progress=None) -> ModelSummary:
 def _groups(model, mass, implicit):
     """Summarise each material."""
     mesh = model.mesh
-    edges = model.mean_edges()
+    edges, carried = model.mean_edges(), model.highest_frequency()
     worst = quality(mesh)
     summaries = []
     for number, name in enumerate(mesh.groups):
@@ -463,7 +463,7 @@ def _groups(model, mass, implicit):
                     float(mass[mine].sum()),
                     float(edges[name]),
                     float(worst[mine].min()),
-                    frequency_of_edge(material.cs, float(edges[name]), model.edges_per_wavelength),
+                    float(carried[name]),
                     int(implicit[mine].sum()),
                 )
             )

@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..blasts.peaks import PeaksOfLaw
 from ..blasts.published_laws import (
     BY_NAME,
     EXPLOSIVES,
@@ -17,7 +18,6 @@ from ..blasts.published_laws import (
     plausible_ppv,
 )
 from ..blasts.signature import ground_peak, moment_velocity, superpose
-from ..config.ground import HEAVY, SOFT
 from ..errors import Finding
 from ..mesh.faces import face_vectors
 from ..mesh.mesh import surface_zones
@@ -140,6 +140,17 @@ def predicted_peak(project: Project, position) -> float | None:
     """Return the peak in m/s at a position (3,) m by the law that sets the level, or None."""
     law, window = anchoring_law(project), window_at(project, position)
     return None if law is None or window is None else law.ppv(*window)
+
+
+def level_error(project: Project, position) -> tuple[PeaksOfLaw, str] | None:
+    """Return the distribution of the peak at a position over the simulated one, and its law.
+
+    None where no law sets the level of the source.
+    """
+    law, window = anchoring_law(project), window_at(project, position)
+    if law is None or window is None:
+        return None
+    return replace(law.peak(*window), median=1.0), law.name
 
 
 def window_at(project: Project, position) -> tuple[float, float] | None:
@@ -624,111 +635,3 @@ def energy_finding(energy: SourceEnergy) -> Finding | None:
         failed=energy.share > MOST_SHARE,
         numbers={"energy": energy.put_in, "share": energy.share},
     )
-
-
-DURATION = 5e-3, 60.0  # s, of runs
-ORDINARY = 100.0  # m, ground of such runs and wider
-# Smallest and largest value that ground and blasts have, in SI: beyond is likely another unit.
-LIKELY = {
-    "density": (300.0, 9000.0, "kg/m3", 1.0),
-    "cp": (50.0, 12000.0, "m/s", 1.0),
-    "kn": (1e5, 1e14, "GPa/m", 1e-9),
-    "ks": (1e4, 1e14, "GPa/m", 1e-9),
-    "wave_speed_m_per_s": (50.0, 12000.0, "m/s", 1.0),
-    "detonation_m_per_s": (1000.0, 10000.0, "m/s", 1.0),
-    "explosive_kg_per_m3": (200.0, 2500.0, "kg/m3", 1.0),
-    "charge_exponent": (0.0, 2.0, "", 1.0),
-    "radius_m": (0.02, 20.0, "m", 1.0),
-    "peak_time_ms": (5e-3, 1e3, "ms", 1.0),
-    "duration_s": (*DURATION, "s", 1.0),
-    "horizontal_ratio": (0.0, 10.0, "", 1.0),
-    "stress": (0.0, 5e8, "MPa", 1e-6),
-}
-LOOSEST, STIFFEST, WET = 1.45, 15.0, (1300.0, 2100.0)  # cp/cs of ground; cp of wet soil, m/s
-SHORTEST_DELAY, SHORTEST_BLAST, LONGEST_DELAY = 0.5e-3, 10e-3, 5.0  # s
-
-
-def unlikely_values(materials, joints, config=None, times=()) -> Finding | None:
-    """D26: values that no ground, hole or detonator has; None where all are likely.
-
-    Parameters
-    ----------
-    materials : dict of str to Material
-    joints : sequence of Joint
-    config : Config, optional
-        Its blast and holes inside.
-    times : (n_holes,) float64, s
-        When the holes of [blast] fire.
-    """
-    listed = {f"materials.{name}": vars(rock) | {"cp": rock.cp} for name, rock in materials.items()}
-    listed |= {f"joint {joint.surface}": joint.properties for joint in joints}
-    parts = "blast", "holes_inside", "run", "insitu"
-    tables = {name: getattr(config, name, None) for name in parts}
-    tables["charged_hole"] = getattr(tables["holes_inside"], "charged_hole", None)
-    listed |= {name: vars(table) for name, table in tables.items() if table is not None}
-    if "insitu" in listed:
-        stress = 1e6 * max(map(abs, listed["insitu"]["stress_mpa"]), default=0.0)
-        listed["insitu"] = listed["insitu"] | {"stress": stress}
-    likely = LIKELY | {"duration_s": (*_usual_durations(config), "s", 1.0)}
-    given = {
-        f"{part} {key}": (values[key], likely[key])
-        for part, values in listed.items()
-        for key in LIKELY
-        if values.get(key) is not None
-    }
-    unlikely = {
-        key: (value, bounds)
-        for key, (value, bounds) in given.items()
-        if not bounds[0] <= value <= bounds[1]
-    }
-    words = [
-        f"{key} is {plain_number(factor * value)} {unit}, usual are "
-        f"{plain_number(factor * low)} to {plain_number(factor * high)}"
-        for key, (value, (low, high, unit, factor)) in unlikely.items()
-    ]
-    numbers = {key: value for key, (value, _) in unlikely.items()}
-    for name, rock in materials.items():
-        ratio = rock.cp / rock.cs if rock.cs > 0.0 else math.inf
-        wet = WET[0] <= rock.cp <= WET[1]
-        if ratio < LOOSEST or (ratio > STIFFEST and not wet):
-            words.append(f"materials.{name} cp/cs is {ratio:.3g}, usual are 1.45 to 15")
-            numbers[f"materials.{name} cp/cs"] = ratio
-        if rock.cs < SOFT and rock.density > HEAVY:
-            words.append(
-                f"materials.{name} cs is {rock.cs:.3g} m/s at {rock.density:.4g} kg/m3, as if its "
-                "moduli were given in GPa"
-            )
-            numbers[f"materials.{name} cs"] = rock.cs
-    gap = _unlikely_delay(times)
-    if gap is not None:
-        likely = "seconds" if gap < SHORTEST_DELAY else "microseconds"
-        words.append(
-            f"blast delays are {plain_number(1e3 * gap)} ms and more, as if given in {likely}"
-        )
-        numbers["blast delay"] = gap
-    if not words:
-        return None
-    return Finding(
-        "D26",
-        "A value looks like one in another unit",
-        f"{'; '.join(words)}; units are in the keys.",
-        failed=True,
-        numbers=numbers,
-    )
-
-
-def _usual_durations(config) -> tuple[float, float]:
-    """Return the usual durations in s of runs: shorter in small bodies, as waves cross them."""
-    size = getattr(getattr(config, "mesh", None), "size_m", None)
-    share = 1.0 if size is None else min(1.0, max(size) / ORDINARY)
-    return share * DURATION[0], share * DURATION[1]
-
-
-def _unlikely_delay(times) -> float | None:
-    """Return the shortest delay in s if no detonators are so quick, or so slow; else None."""
-    gaps = np.diff(np.unique(np.round(np.asarray(times, dtype=float), 9)))
-    if not len(gaps):
-        return None
-    shortest = float(gaps.min())
-    quick = shortest < SHORTEST_DELAY and float(gaps.sum()) < SHORTEST_BLAST
-    return shortest if quick or shortest > LONGEST_DELAY else None

@@ -502,6 +502,7 @@ def compliance_table(project, simulated, band):
         motions,
         {r.name: level.window_at(project, r.position) for r in project.receivers},
         curves,
+        {r.name: level.level_error(project, r.position) for r in project.receivers},
     )
     tables = [row.table() for row in rows]
     words = conclusion(tables, bool(curves)) if tables or band.complete else ""

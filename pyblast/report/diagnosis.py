@@ -33,6 +33,7 @@ from .diagnosis_figures import (
     BEFORE,
     Diagnosed,
     Figure,
+    drawn_planes,
     fits_shown,
     held_out_figures,
     holes_figure,
@@ -41,7 +42,7 @@ from .diagnosis_figures import (
     time_frequency_figure,
 )
 from .pages import page
-from .view import scene
+from .view import scene, with_diagnosis
 
 COMPONENTS = ("east", "north", "up")
 MEANINGS = {
@@ -112,7 +113,7 @@ def _parts(diagnosis, summary, failures):
         "parameters": lambda: parameter_rows(fit),
         "calibration": lambda: calibration_rows(summary),
         "assumptions": lambda: assumptions(diagnosis, summary),
-        "scene": lambda: _scene(diagnosis),
+        "scene": lambda: scene_of(diagnosis, summary),
     }
     figures = {
         "maps": (
@@ -476,9 +477,7 @@ def _map_figures(diagnosis, summary) -> Iterator[Figure]:
     """Draw the misfit of receivers in plan and section."""
     case, fits = diagnosis.search.scene.case, fits_shown(diagnosis)
     misfits = {title: means(fit.chi_square, 0) for title, fit in fits.items()}
-    key = {"UNKNOWN": "located", "PARTIAL": "remainder"}.get(summary["outcome"])
-    points = [] if key is None else summary[key]["points"]
-    targets = {effect.target for effect in diagnosis.decision.fit.effects} - {""}
+    points, targets = _points(summary), _targets(diagnosis)
     diagnosed = _diagnosed(diagnosis)
     depth = " Its depth is not resolved." if points else ""
     if case.project.config.mesh.faults:
@@ -494,15 +493,46 @@ def _map_figures(diagnosis, summary) -> Iterator[Figure]:
     )  # fmt: skip
 
 
-def _scene(diagnosis):
-    """Return the view of the project, its receivers with their misfit."""
+def scene_of(diagnosis: Diagnosed, summary: dict) -> dict:
+    """Return the view of the project of a diagnosis, with its misfits and its answer.
+
+    Parameters
+    ----------
+    diagnosis : Diagnosis
+    summary : dict
+        As in ``diagnosis.json``.
+
+    Returns
+    -------
+    dict
+        As of `scene`.
+    """
     case, shown = diagnosis.search.scene.case, scene(diagnosis.search.scene.case.project)
+    misfits = {}
     for title, fit in fits_shown(diagnosis).items():
         for name, misfit in zip(case.receivers, means(fit.chi_square, 0), strict=True):
             receiver = shown["receivers"][name]
             receiver["rows"].append((f"misfit {title}", plain_number(misfit)))
             receiver["over"] = bool(receiver.get("over") or misfit >= MATERIAL)
-    return shown
+            misfits.setdefault(name, misfit)  # of the site without effects
+    planes = drawn_planes(case.project, _diagnosed(diagnosis), _targets(diagnosis))
+    elsewhere = {plane.name for plane in planes if not plane.strong}
+    named = {
+        f"{plane.name}, as diagnosed" if plane.name in elsewhere else plane.name: plane.polygons
+        for plane in planes if plane.strong
+    }  # fmt: skip
+    return with_diagnosis(shown, misfits, named, _points(summary))
+
+
+def _targets(diagnosis):
+    """Return the joints, receivers and blasts with effects."""
+    return {effect.target for effect in diagnosis.decision.fit.effects} - {""}
+
+
+def _points(summary):
+    """Return where residuals are located that the answer does not explain."""
+    key = {"UNKNOWN": "located", "PARTIAL": "remainder"}.get(summary["outcome"])
+    return [] if key is None or summary[key] is None else summary[key]["points"]
 
 
 def _diagnosed(diagnosis):

@@ -371,11 +371,13 @@ def zone_fields(model):
     block = mesh.blocks().astype(np.int32)
     free = tuple(name for name in mesh.surfaces if name not in held)
     edge = zone_edge_lengths(mesh).mean(axis=1)
+    carried = frequency_of_edge(model.zone_values("cs"), edge, model.edges_per_wavelength)
+    thin = np.array([model.thin_layers.get(name, 0.0) for name in mesh.groups])
     return {
         "group": mesh.zone_group.astype(np.int32),
         "block": block,
         "removable": count_blocks(mesh, free).removable[block].astype(np.int32),
-        "f_max": frequency_of_edge(model.zone_values("cs"), edge, model.edges_per_wavelength),
+        "f_max": np.maximum(carried, thin[mesh.zone_group]),
     }
 
 

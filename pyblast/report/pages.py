@@ -11,10 +11,8 @@ from .plots import tables
 
 def page(name):
     """Return the template of a page, which escapes every name that users give."""
-    here = resources.files("pyblast.report") / "templates"
-    loader = FunctionLoader(lambda part: here.joinpath(part).read_text(encoding="utf-8"))
     environment = Environment(
-        loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True
+        loader=FunctionLoader(_part), autoescape=True, undefined=StrictUndefined, trim_blocks=True
     )
     environment.filters |= {
         "number": shown_number,
@@ -25,6 +23,12 @@ def page(name):
         "tables": tables,
     }
     return environment.get_template(name)
+
+
+def _part(name):
+    """Return the text of a part of a page; a script of others as it is."""
+    text = resources.files("pyblast.report").joinpath("templates", name).read_text(encoding="utf-8")
+    return f"{{% raw %}}{text}{{% endraw %}}" if name.endswith(".min.js") else text
 
 
 def shown_number(value, digits=3):

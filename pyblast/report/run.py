@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..blasts.compliance import ORIENTATION, explain
+from ..blasts.compliance import ORIENTATION, explain, share_at_level, unsigned
 from ..project.result import Result, plain, write_text
 from ..signals.comparison import load_limits
 from ..units import plain_number
@@ -126,11 +126,12 @@ def answer(summary) -> list[tuple[str, str]]:
 def _tone(summary):
     """Return the colour of the answer: bad where a check or limit fails, good where all hold."""
     compliance = summary.get("compliance") or NOTHING_LIMITED
-    shares = [row["share"] for row in compliance["rows"] if row["share"] is not None]
+    shares = [share_at_level(row) for row in compliance["rows"] if row["share"] is not None]
     over = compliance["chosen"] and max(shares, default=0.0) > 1.0
     if over or any(finding["failed"] for finding in summary["findings"]):
         return "bad"
-    return "good" if compliance["chosen"] and shares else ""
+    signed = compliance["chosen"] and not unsigned(compliance["rows"])
+    return "good" if signed and shares else ""
 
 
 def _fired(summary):

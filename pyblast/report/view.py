@@ -1,8 +1,8 @@
 """View: surfaces, planes, holes and receivers of a model, thinned for a page.
 
 A scene is plain text and numbers: places are 16-bit integers of a common step, values of 16 bits
-between the ends of their field. The script view.js draws it on a canvas with a depth buffer of its
-own, without a graphics card and without a network.
+between the ends of their field. The script view.js draws it with three.js, which every page holds:
+without a network, and without a graphics card where the browser emulates one.
 """
 
 import base64
@@ -16,6 +16,7 @@ from ..mesh.faces import face_vectors, faces_of_skin, zone_faces
 from ..model.boundary import kinds_of
 from ..model.model import Model
 from ..model.source import MomentTensor, PointForce
+from ..project.checks import Check
 from ..project.places import blast_table, extent_of
 from ..project.project import Project
 from ..project.result import Result, plain
@@ -23,13 +24,13 @@ from ..units import plain_number
 from .maps import UPWARD, shown_surface, zone_fields
 from .pages import page
 
-MOST_TRIANGLES = 80_000  # 1.5 MB of a page
+MOST_BYTES = 1_300_000  # of a page: with 0.6 MB of three.js it grows by 2 MB at most
 STEPS = 32_000  # of the longest side of the box
 LEVELS = 65_534  # of a field; 0 is no value
 STEEP = 0.5  # largest vertical part of the normal of a wall
 WALL = 0.02  # of the area of the ground, from which its steep faces are a wall
 LEAST_SHOWN = 1e-3  # of the largest value: lower end of logarithmic colours
-MOST_FRAMES = 60
+MOST_FRAMES = 30
 
 
 class Given(NamedTuple):
@@ -44,7 +45,7 @@ class Given(NamedTuple):
     faults: tuple[str, ...]
     box: np.ndarray | None  # (3, 2), m: what is left out lies outside
     holes: list[dict]  # id, collar, toe, charge, time
-    receivers: dict[str, dict]  # position, rows of (quantity, value), ppv
+    receivers: dict[str, dict]  # position, rows of (quantity, value), share of a limit in %
     sides: dict[str, str]  # what holds each, in words
     sources: list  # positions of forces and moment tensors
     peaks: tuple | None  # points, triangles, velocity of the surface
@@ -83,7 +84,7 @@ def scene(shown: Project | Model | Result) -> dict:
     cell = _thin(parts)
     corners = np.concatenate([part["points"] for part in parts])
     low, size = corners.min(axis=0), float(np.ptp(corners, axis=0).max()) or 1.0
-    fields, count = _fields(parts), sum(len(part["triangles"]) for part in parts)
+    fields, count = _fields(parts, given), sum(len(part["triangles"]) for part in parts)
     said = f"{count} triangles"
     if cell:
         said += f" of {whole}: what is smaller than {plain_number(cell, 2)} m is not shown"
@@ -93,7 +94,51 @@ def scene(shown: Project | Model | Result) -> dict:
         "parts": [_packed(part, fields, low, size / STEPS) for part in parts],
         "sides": given.sides, "holes": given.holes, "sources": given.sources,
         "receivers": given.receivers, "times": [float(time) for time in given.frames],
+        "located": [],
     })  # fmt: skip
+
+
+def with_diagnosis(shown: dict, misfits: dict, planes: dict, located: list) -> dict:
+    """Return a scene with the answer of a diagnosis: misfits, planes of effects, located residuals.
+
+    Parameters
+    ----------
+    shown : dict
+        Of `scene`.
+    misfits : dict of str to float
+        Mean chi-square of receivers.
+    planes : dict of str to list of (n, 3) float64, m
+        Outlines of the faults with effects; where the scene holds one of that name, it is marked.
+    located : list of dict
+        ``x``, ``y`` and ``resolution_m`` of located residuals.
+
+    Returns
+    -------
+    dict
+    """
+    field = _field("misfit", np.array(list(misfits.values())))
+    parts = [part | {"kind": "named"} if part["name"] in planes else part
+             for part in shown["parts"]]  # fmt: skip
+    for name in planes.keys() - {part["name"] for part in parts}:
+        parts.append(_packed(_outlined(name, planes[name]), {}, shown["low"], shown["step"]))
+    receivers = {
+        name: row | {"values": row["values"] | {"misfit": misfits[name]} if name in misfits else {}}
+        for name, row in shown["receivers"].items()
+    }  # fmt: skip
+    return plain(shown | {
+        "parts": parts, "receivers": receivers, "located": located,
+        "fields": {"misfit": field} | shown["fields"],
+    })  # fmt: skip
+
+
+def _outlined(name, polygons):
+    """Return the plane of an effect of a diagnosis as a part, of outlines of convex polygons."""
+    first = np.cumsum([0, *map(len, polygons)])
+    fans = [
+        (n, n + k, n + k + 1)
+        for n, polygon in zip(first, polygons, strict=False) for k in range(1, len(polygon) - 1)
+    ]  # fmt: skip
+    return _plane(name, "named", np.concatenate(polygons), np.array(fans))
 
 
 def _of_model(shown):
@@ -113,7 +158,7 @@ def _of_model(shown):
         model.mesh.groups, {name: view.mesh.surfaces[name] for name in joints},
         tuple(joints if project is None else project.faults),
         None if project is None else extent_of(project), _said_of_holes(holes),
-        {receiver.name: {"position": receiver.position, "rows": []}
+        {receiver.name: {"position": receiver.position, "rows": [], "values": {}}
          for receiver in model.receivers},
         kinds_of(model.boundaries),
         [list(source.position) for source in model.sources
@@ -184,6 +229,7 @@ def _receiver(summary, name):
     if shares:
         rows.append(("share of its limit", f"{plain_number(100.0 * max(shares))} %"))
     return {"position": list(table["position"]), "rows": rows, "azimuth": table["azimuth"],
+            "values": {"share": 100.0 * max(shares)} if shares else {},
             "over": max(shares, default=0.0) > 1.0}  # fmt: skip
 
 
@@ -243,16 +289,7 @@ def _joint(given, name):
     points, triangles = given.points, given.surfaces[name]
     if given.box is not None:
         triangles = triangles[_touches(given.box, points[triangles])]
-    normal = face_vectors(points, triangles).sum(axis=0) if len(triangles) else np.zeros(3)
-    normal = normal * (1.0 if normal[2] >= 0.0 else -1.0)
-    area = float(np.linalg.norm(face_vectors(points, triangles), axis=1).sum())
-    across = math.hypot(normal[0], normal[1])
-    part = {
-        "name": name, "kind": "fault" if name in given.faults else "joint", "points": points,
-        "triangles": triangles, "of_triangle": {}, "of_point": {}, "area": area,
-        "dip": math.degrees(math.atan2(across, normal[2])),
-        "direction": math.degrees(math.atan2(normal[0], normal[1])) % 360.0,
-    }  # fmt: skip
+    part = _plane(name, "fault" if name in given.faults else "joint", points, triangles)
     if given.jumps is None or not len(triangles):
         return part
     places, jump, across = given.jumps
@@ -266,6 +303,19 @@ def _joint(given, name):
     return part
 
 
+def _plane(name, kind, points, triangles):
+    """Return the part of a plane, with its area in m², dip and dip direction in degrees."""
+    normal = face_vectors(points, triangles).sum(axis=0) if len(triangles) else np.zeros(3)
+    normal = normal * (1.0 if normal[2] >= 0.0 else -1.0)
+    return {
+        "name": name, "kind": kind, "points": points, "triangles": triangles,
+        "of_triangle": {}, "of_point": {},
+        "area": float(np.linalg.norm(face_vectors(points, triangles), axis=1).sum()),
+        "dip": math.degrees(math.atan2(math.hypot(normal[0], normal[1]), normal[2])),
+        "direction": math.degrees(math.atan2(normal[0], normal[1])) % 360.0,
+    }  # fmt: skip
+
+
 def _thin(parts):
     """Thin parts in place to what a page holds; return the size in m of what is lost, 0 for none.
 
@@ -277,7 +327,7 @@ def _thin(parts):
     corners = np.concatenate([part["points"] for part in parts])
     low, cell = corners.min(axis=0), 0.0
     whole = [dict(part) for part in parts]
-    while sum(len(part["triangles"]) for part in parts) > MOST_TRIANGLES:
+    while sum(map(_bytes, parts)) > MOST_BYTES:
         cell = 1.2 * cell or float(np.ptp(corners, axis=0).max()) / 400.0
         for part, given in zip(parts, whole, strict=True):
             part.update(given)
@@ -285,6 +335,19 @@ def _thin(parts):
             number = np.ravel_multi_index(at.T, at.max(axis=0) + 1)
             _renumber(part, np.unique(number, return_inverse=True)[1])
     return cell
+
+
+def _bytes(part):
+    """Return what a part takes of a page: corners, places and values of 16 bits as base64."""
+    n, triangles = len(part["points"]), len(part["triangles"])
+    corners = 3 * triangles * (2 if _wide(part) else 1)
+    values = (3 + len(part["of_point"])) * n + len(part["of_triangle"]) * triangles
+    return 8 * (corners + values) / 3
+
+
+def _wide(part):
+    """Tell whether numbers of nodes need 32 bits."""
+    return len(part["points"]) > 65_535
 
 
 def _renumber(part, label):
@@ -308,6 +371,8 @@ def _renumber(part, label):
 
 FIELDS = {
     "ppv": ("peak vector sum", "mm/s", True),
+    "share": ("share of a limit", "%", True),
+    "misfit": ("misfit of receivers", "", True),
     "slip": ("shear offset of joints at the end", "mm", False),
     "opening": ("opening of joints at the end", "mm", False),
     "f_max": ("highest frequency carried", "Hz", True),
@@ -317,23 +382,30 @@ FIELDS = {
 }  # fmt: skip
 
 
-def _fields(parts):
-    """Return label, unit, ends and kind of scale of each field that a part has."""
+def _fields(parts, given):
+    """Return label, unit, ends and kind of scale of each field that a part or a receiver has."""
     fields = {}
-    for key, (label, unit, log) in FIELDS.items():
+    for key in FIELDS:
         values = [
             values for part in parts
             for name, values in (part["of_point"] | part["of_triangle"]).items()
             if name.rstrip("0123456789") == key
         ]  # fmt: skip
-        known = np.concatenate([np.zeros(0), *(each[np.isfinite(each)] for each in values)])
+        standing = [row["values"][key] for row in given.receivers.values() if key in row["values"]]
+        known = np.concatenate([standing, *(each[np.isfinite(each)] for each in values)])
         if len(known):
-            low, high = float(known.min()), float(known.max())
-            if log:
-                low = max(low, LEAST_SHOWN * high, 1e-300)
-            fields[key] = {"label": label, "unit": unit, "log": log, "low": low,
-                           "high": high if high > low else low + 1.0}  # fmt: skip
+            fields[key] = _field(key, known)
     return fields
+
+
+def _field(key, known):
+    """Return label, unit, ends and kind of scale of a field of known values."""
+    label, unit, log = FIELDS[key]
+    low, high = float(known.min()), float(known.max())
+    if log:
+        low = max(low, LEAST_SHOWN * high, 1e-300)
+    return {"label": label, "unit": unit, "log": log, "low": low,
+            "high": high if high > low else low + 1.0}  # fmt: skip
 
 
 def _packed(part, fields, low, step):
@@ -358,8 +430,8 @@ def _packed(part, fields, low, step):
             shown[f"largest_{key}"] = float(np.nanmax(values))
     return shown | {
         "points": _text(np.round((part["points"] - low) / step), "<u2"),
-        "triangles": _text(part["triangles"], "<u4" if len(part["points"]) > 65_535 else "<u2"),
-        "wide": len(part["points"]) > 65_535,
+        "triangles": _text(part["triangles"], "<u4" if _wide(part) else "<u2"),
+        "wide": _wide(part),
         **{kind: {name: levels(name, values) for name, values in part[kind].items()}
            for kind in ("of_point", "of_triangle")},
     }  # fmt: skip
@@ -402,6 +474,13 @@ class ModelView:
     def __init__(self, shown: Project | Model | Result):
         self.scene = scene(shown)
 
+    @classmethod
+    def of_scene(cls, shown: dict) -> "ModelView":
+        """Return the view of a scene."""
+        view = cls.__new__(cls)
+        view.scene = shown
+        return view
+
     def __repr__(self) -> str:
         """Return title and size."""
         return f"<ModelView {self.scene['title']!r}: {self.scene['said']}>"
@@ -410,6 +489,6 @@ class ModelView:
         """Return the view for a notebook: a frame of its own, without network."""
         return page("view_frame.html").render(text=self.page(), title=self.scene["title"])
 
-    def page(self) -> str:
-        """Return the view as a page of one file."""
-        return page("view_page.html").render(scene=self.scene)
+    def page(self, check: Check | None = None) -> str:
+        """Return the view as a page of one file, below the findings of a check."""
+        return page("view_page.html").render(scene=self.scene, check=check)

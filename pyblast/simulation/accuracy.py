@@ -254,7 +254,8 @@ class Accuracy:
         """Return the frequency in Hz that zones on a way carry, and which ground sets it.
 
         It is ``cs / (n e)`` of their mean edge e, n edges to a wavelength. A layer of height H
-        carries ``cs / 8 H`` at least: below that frequency it moves as one.
+        carries ``cs / 8 H`` at least: below that frequency it moves as one; flat zones of thin
+        layers at the top what `Model.thin_layers` says.
         """
         mesh, speed = self.model.mesh, self._speeds[zone]
         edges, group = self.model.edges_per_wavelength * self._zones[1][zone], mesh.zone_group[zone]
@@ -262,6 +263,7 @@ class Accuracy:
         for number in np.unique(group):
             own, name = group == number, mesh.groups[number]
             carried[name] = 1.0 / float(np.mean(edges[own] / speed[own]))
+            carried[name] = max(carried[name], self.model.thin_layers.get(name, 0.0))
             if name in self.heights:
                 thin = float(speed[own].mean()) / (THIN * self.heights[name])
                 carried[name] = max(carried[name], thin)

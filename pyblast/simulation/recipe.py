@@ -23,6 +23,7 @@ from ..mesh.mesh import Mesh, zone_edge_lengths
 from ..mesh.quality import explicit_work
 from ..model.material import ConstantQ
 from ..model.model import Model
+from ..model.thin_layers import share_of_edge
 from ..solver.injection import LOWEST_ORDER, injected_sources
 from ..solver.moment_density import edges_near
 
@@ -95,6 +96,12 @@ class Stations:
     reach: float
     explosive: bool = False
     near: bool = False
+
+    @property
+    def highest_source(self) -> float:
+        """Height in m of the highest source; infinite where one stands on the ground."""
+        sources = [at for name, at in self.positions.items() if not name.startswith("receivers.")]
+        return max((at[2] if len(at) == 3 else np.inf for at in sources), default=-np.inf)
 
 
 def convergence(order: int) -> float:
@@ -227,12 +234,12 @@ def _resolving(ground, stations, meshed, asked, model_on, build):
     if not needed:
         return meshed
     boxes = {number: partial(_around, model.sources[number]) for number in needed}
-    wider = _widened(ground, meshed, asked, boxes, model_on, build)
-    graded = wider or _graded(ground, meshed, asked, boxes, needed, build)
+    wider = _widened(ground, stations, meshed, asked, boxes, model_on, build)
+    graded = wider or _graded(ground, stations, meshed, asked, boxes, needed, build)
     return graded or meshed
 
 
-def _widened(ground, meshed, asked, boxes, model_on, build):
+def _widened(ground, stations, meshed, asked, boxes, model_on, build):
     """Return a mesh whose open sides lie so far from the sources that these are injected."""
     reach = RING * float(zone_edge_lengths(meshed.mesh).max())
     around = [box(reach) for box in boxes.values()]
@@ -251,7 +258,7 @@ def _widened(ground, meshed, asked, boxes, model_on, build):
         wider = build(replace(asked, box=box, joint_sets=tuple(sets)))
     except InputError:
         return None
-    work = explicit_work(wider.mesh) / explicit_work(meshed.mesh)
+    work = _work(ground, stations, wider.mesh) / _work(ground, stations, meshed.mesh)
     if work > ground.mesh.near_source_work:
         return None
     other = model_on(wider.mesh)
@@ -262,9 +269,9 @@ def _widened(ground, meshed, asked, boxes, model_on, build):
     )
 
 
-def _graded(ground, meshed, asked, boxes, needed, build):
+def _graded(ground, stations, meshed, asked, boxes, needed, build):
     """Return a mesh of shorter edges around sources, for as many receivers as may be."""
-    before, best = explicit_work(meshed.mesh), None
+    before, best = _work(ground, stations, meshed.mesh), None
     for least in _steps(np.concatenate([*needed.values()])):
         lines = []
         for number, edges in needed.items():
@@ -275,7 +282,7 @@ def _graded(ground, meshed, asked, boxes, needed, build):
             finer = build(asked, lines=lines)
         except InputError:  # not mapped any more, or beyond the memory
             break
-        work = explicit_work(finer.mesh) / before
+        work = _work(ground, stations, finer.mesh) / before
         if work > ground.mesh.near_source_work:
             break
         words = f"edges from {least:.3g} m around the sources, {work:.2g} times the work"
@@ -503,9 +510,11 @@ def _hexahedra(ground, stations, geometry, wave, lines=None):
     order, reasons = ground.mesh.order, {}
     lowest = LOWEST_ORDER if stations.explosive else 2
     orders = [each for each in ORDERS if each >= lowest]
+    plain = mapped.is_plain(geometry)
+    builders = {PLAIN: mapped.build_mapped} if plain else BUILDERS
 
     def meshes(order, builders, factor=1.0):
-        sizes = [factor * _size(ground, part, order, stations.reach) for part in ground.mesh.layers]
+        sizes = factor * layer_sizes(ground, stations, order)
         for how, build in builders.items():
             try:
                 with named_error("mesh"):
@@ -513,19 +522,19 @@ def _hexahedra(ground, stations, geometry, wave, lines=None):
             except (MeshingError, NotMapped) as reason:
                 reasons.setdefault(str(reason).removeprefix("mesh: "))
                 continue
-            work = explicit_work(mesh)
+            work = _work(ground, stations, mesh)
             if np.isfinite(work):
                 yield work, how, mesh
 
-    if mapped.is_plain(geometry):
-        trials = [*meshes(order or ORDER, {PLAIN: mapped.build_mapped})]
+    if plain and not thin_layers(ground, stations):
+        trials = [*meshes(order or ORDER, builders)]
     elif order:
-        trials = [*meshes(order, BUILDERS)]
+        trials = [*meshes(order, builders)]
     else:
-        trials = [each for first in orders for each in meshes(first, BUILDERS)]
+        trials = [each for first in orders for each in meshes(first, builders)]
         if trials:  # the work has one minimum over the orders
             best = min(trials, key=lambda each: each[0])[2].order
-            trials += meshes(max(lowest, best + (1 if best == max(ORDERS) else -1)), BUILDERS)
+            trials += meshes(max(lowest, best + (1 if best == max(ORDERS) else -1)), builders)
     trials.sort(key=lambda each: each[0])
     cut = {CUT: subdivided.build_subdivided}
     last = (each for factor in (1.0, 0.5) for each in meshes(order or ORDERS[0], cut, factor))
@@ -548,6 +557,53 @@ def _sentence(mesh, how, reasons):
         f"hexahedra of order {mesh.order} {how}, edges up to {longest:.3g} m, "
         f"{ends}: {len(mesh.zones)} zones{why}"
     )
+
+
+def _work(ground, stations, mesh):
+    """Return the work of a run: nodes over the step, which line-implicit layers do not set."""
+    thin = thin_layers(ground, stations)
+    if not thin:
+        return explicit_work(mesh)
+    speed = [0.0 if name in thin else ground.materials[name].cp for name in mesh.groups]
+    return explicit_work(mesh, np.array(speed)[mesh.zone_group])
+
+
+def thin_layers(ground: Ground, stations: Stations) -> dict[str, float]:
+    """Return the materials of thin layers at the top, with their share of the edges beneath.
+
+    Layers from the top on whose edges no key says, which S waves of the highest frequency pass
+    within a period in all, and in which no source lies: `share_of_edge`.
+    """
+    mesh, top, periods, height, thin = ground.mesh, ground.frequency, 0.0, 0.0, []
+    names = [part.material for part in mesh.layers]
+    if top is None or not mesh.layers or mesh.file is not None:
+        return {}
+    surface = mesh.origin_m[2] + mesh.size_m[2]
+    relief = 0.0
+    if ground.surface is not None:
+        relief = max(0.0, float(np.asarray(ground.surface)[..., 2].max()) - surface)
+    shares = {}
+    for part in mesh.layers[:-1]:
+        rock = ground.materials[part.material]
+        if part.thickness_m is None or mean_edge(mesh, part, rock) is not None:
+            break
+        height += part.thickness_m
+        periods += top * (part.thickness_m + relief) / rock.cs
+        relief, share = 0.0, share_of_edge(periods)
+        inside = stations.highest_source > surface - height
+        if not share or inside or names.count(part.material) > 1:
+            break
+        thin.append(part.material)
+        shares = dict.fromkeys(thin, share)
+    return shares
+
+
+def layer_sizes(ground: Ground, stations: Stations, order: int) -> np.ndarray:
+    """Return width and height (n_layers, 2) in m of the hexahedra of each layer."""
+    parts, thin = ground.mesh.layers, thin_layers(ground, stations)
+    high = np.array([_size(ground, part, order, stations.reach) for part in parts])
+    share = np.array([thin.get(part.material, 0.0) for part in parts])
+    return np.column_stack([np.maximum(high, share * high[share == 0.0].min()), high])
 
 
 def _size(ground, part, order, reach):

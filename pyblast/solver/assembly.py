@@ -29,13 +29,7 @@ from ..model.material import Elastic
 from ..model.model import Model
 from ..model.source import TimeFunction
 from .edge_springs import edge_arrays
-from .hexahedra import (
-    critical_step_of_hexahedra,
-    layer_arrays,
-    no_layer,
-    no_packs,
-    pack_arrays,
-)
+from .hexahedra import layer_arrays, no_layer, no_packs, pack_arrays
 from .implicit_zones import explicit_product, moved_nodes, no_implicit_zones
 from .loads import (
     Loads,
@@ -46,7 +40,13 @@ from .loads import (
     surface_impedance,
 )
 from .time_step import MOST as MOST_PRODUCTS
-from .time_step import CriticalStep, Product, assembled_step, critical_step
+from .time_step import (
+    CriticalStep,
+    Product,
+    assembled_step,
+    critical_step,
+    critical_step_of_hexahedra,
+)
 
 Step = tuple[float, CriticalStep]  # time step in s, and the limit behind it
 DOMAIN_ZONES = 1024
@@ -181,9 +181,8 @@ def _time_step(model, progress):
     """Search for the time step of a model."""
     mass = model.zone_values("density") * zone_volumes(model.mesh)
     if model.mesh.hexahedral:
-        mass = model.nodes.sums(mass)
         most = MOST_PRODUCTS * (1 if model.mesh.layer is None else 2)
-        product_of = _counted(partial(zone_product, model, mass), progress, most)
+        product_of = _counted(partial(zone_product, model), progress, most)
         limit = critical_step_of_hexahedra(model, mass, product_of)
     else:
         limit = critical_step(model)
@@ -207,7 +206,7 @@ def _counted(product_of, progress, most):
         progress("step", done, most)
         return product(*motion, **rate)
 
-    return lambda *zones: partial(reported, product_of(*zones))
+    return lambda *of: partial(reported, product_of(*of))
 
 
 def zone_product(model: Model, mass: np.ndarray, active: np.ndarray | None = None) -> Product:

@@ -1,6 +1,5 @@
-"""Spectral hexahedra and their absorbing layer as kernel arrays, and their critical time step."""
+"""Spectral hexahedra and their absorbing layer as kernel arrays."""
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -10,15 +9,6 @@ from ..errors import InputError
 from ..mesh import hexahedra
 from ..mesh.hexahedra import AbsorbingLayer
 from ..model.model import Model
-from .implicit_zones import Implicit, contact_pairs
-from .time_step import (
-    CriticalStep,
-    contact_bounds,
-    joint_at,
-    largest_eigenvalue,
-    longest_step,
-    with_joints,
-)
 
 REFLECTION = 1e-7  # amplitude that a wave of normal incidence would keep
 STRENGTH = 7.0  # real stretch at the outer edge
@@ -163,46 +153,6 @@ def _no_tetrahedra(size, n_sets):
         "patch_gradient": np.zeros((1, 3)),
         "patch_bulk": np.zeros(1),
     }
-
-
-def critical_step_of_hexahedra(
-    model: Model, mass: np.ndarray, product_of: Callable[..., Callable]
-) -> CriticalStep:
-    """Return the critical time step of a model of hexahedra, from its largest frequency.
-
-    Parameters
-    ----------
-    model : Model
-    mass : (n_nodes,) float64, kg
-    product_of : callable
-        Returns the function that multiplies a motion (n_nodes, 3) with the stiffness over the mass,
-        of all zones or of those of a mask.
-
-    Notes
-    -----
-    Lanczos on the assembled zones and joints, these with their stiffest springs: theory.md (2.48).
-    The viscosity of the absorbing layer counts with the largest frequency of its own zones.
-    """
-    spring, viscosity = contact_bounds(model)
-    squared = largest_eigenvalue(with_joints(model, product_of(), mass), mass)
-    drag = float((2.0 * viscosity / mass).max())
-    beta = float(model.group_damping("beta").max())
-    own, of_layer = in_layer(model).any(axis=1), np.inf
-    if own.any():
-        lag = beta + float(layer_lags(model, np.flatnonzero(own)).max())
-        of_layer = longest_step(largest_eigenvalue(product_of(own), mass), drag, lag)
-    dt = min(longest_step(squared, drag, beta), of_layer)
-    part, joint, price = "the shortest distance of nodes", "", 1.0
-    if 2.0 * (spring / mass).max() > 0.5 * squared:  # both nodes of a contact move
-        worst = int((spring / mass).argmax())
-        x, y, z = model.nodes.points[worst]
-        joint = joint_at(model, np.array([worst]))
-        part = f"a contact of joint '{joint}' at ({x:.1f}, {y:.1f}, {z:.1f}) m"
-        alone = longest_step(largest_eigenvalue(product_of(), mass), 0.0, beta)
-        price = min(alone, of_layer) / dt
-    sizes = (len(model.mesh.zones), len(contact_pairs(model.nodes.contacts)))
-    none = Implicit(*(np.zeros(size, dtype=bool) for size in sizes))
-    return CriticalStep(dt, longest_step(squared, drag), part, none, dt, joint, price)
 
 
 def no_layer(single: bool, n_packs: int, n_line: int) -> dict[str, Any]:

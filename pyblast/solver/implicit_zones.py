@@ -180,6 +180,27 @@ def implicit_arrays(
         np.einsum("z,zaibj->zaibj", share, zone_stiffness(model, zones, product_of)),
         np.einsum("c,ab,ij->caibj", spring, [[1.0, -1.0], [-1.0, 1.0]], np.eye(3)),
     ]
+    return cluster_arrays(constants, parts, local, node, cluster)
+
+
+def cluster_arrays(
+    constants: dict[str, Any],
+    parts: list[np.ndarray],
+    local: list[np.ndarray],
+    node: np.ndarray,
+    cluster: np.ndarray,
+) -> dict[str, np.ndarray]:
+    """Return the factored matrix of clusters as kernel arrays.
+
+    Parameters
+    ----------
+    constants : dict
+        Kernel arrays with masses, mass damping, dashpots and prescribed directions.
+    parts : list of (n, k, 3, k, 3) float64, kg
+        What is added to the inertia, of groups of nodes.
+    local, node, cluster
+        The groups as indices into the nodes, these and their clusters, as `clusters_of` gives them.
+    """
     order = np.lexsort((_elimination(local, len(node)), cluster))
     turn, node = np.argsort(order), node[order]
     where = np.full(len(constants["node_mass"]), -1)

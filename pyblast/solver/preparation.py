@@ -26,6 +26,7 @@ from .free_field import side_loads
 from .implicit_zones import implicit_arrays
 from .initial_stress import after_static, can_yield, static_arrays
 from .injection import Injection, inject, injection_bytes, patch_of
+from .line_implicit import line_arrays
 from .model_file import write_model
 from .time_step import CriticalStep, contact_springs
 
@@ -190,13 +191,20 @@ def prepare(
             injection = inject(model, patch, geometry["dt"], n_steps)
             entry = patch.sources, injection.loads
     constants = {**geometry, **assembly.dynamic_arrays(model, geometry, n_steps, sides, entry)}
-    springs = contact_springs(model)
-    constants |= implicit_arrays(model, constants, limit.implicit, springs, assembly.zone_product)
+    constants |= _implicit(model, constants, limit.implicit)
     state = assembly.initial_state(constants)
     if settled is not None:
         constants, state = after_static(constants, *settled)
     content = fingerprint(constants, state, {"single": model.single})
     return Prepared(constants, state, n_steps, limit, static, content, model.single, injection)
+
+
+def _implicit(model, constants, implicit):
+    """Return the kernel arrays of what a model takes implicitly."""
+    if model.mesh.hexahedral:
+        return line_arrays(model, constants, implicit.zones)
+    springs = contact_springs(model)
+    return implicit_arrays(model, constants, implicit, springs, assembly.zone_product)
 
 
 def _run_column(model, duration):

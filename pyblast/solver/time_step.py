@@ -14,7 +14,9 @@ from ..mesh.nodes import Nodes
 from ..mesh.tetrahedra import shape_gradients
 from ..model.anisotropy import Anisotropic
 from ..model.model import Model
+from .hexahedra import in_layer, layer_lags
 from .implicit_zones import Implicit, clusters_of, contact_pairs, moved_nodes
+from .line_implicit import SHARE, line_zones, steps_of_zones
 
 # Product of M^-1 (K + rate C) with a motion (n_nodes, 3), in 1/s2, from the motion and the rate.
 Product = Callable[..., np.ndarray]
@@ -191,6 +193,58 @@ def assembled_step(
         dt = damped_step(product, mass, dt)
     explicit = dt * min(1.0, limit.explicit / limit.dt)
     return replace(limit, dt=dt, undamped=max(dt, longest_step(squared, drag)), explicit=explicit)
+
+
+def critical_step_of_hexahedra(
+    model: Model, mass: np.ndarray, product_of: Callable[..., Product]
+) -> CriticalStep:
+    """Return the critical time step of a model of hexahedra, from its largest frequency.
+
+    Parameters
+    ----------
+    model : Model
+    mass : (n_zones,) float64, kg
+    product_of : callable
+        Returns, for the masses (n_nodes,) of nodes, the function that multiplies a motion
+        (n_nodes, 3) with the stiffness over the mass, of all zones or of those of a mask.
+
+    Notes
+    -----
+    Lanczos on the assembled zones and joints, these with their stiffest springs: theory.md (2.48).
+    The viscosity of the absorbing layer counts with the largest frequency of its own zones. Of
+    line-implicit zones the bound (2.57) holds, with a part of their mass; the rest has that left.
+    """
+    implicit = line_zones(model)
+    lines, active = implicit.any(), (~implicit,) if implicit.any() else ()
+    mass = model.nodes.sums(np.where(implicit, 1.0 - SHARE, 1.0) * mass)
+    of_lines = steps_of_zones(model)[1][implicit].min(initial=np.inf)
+    spring, viscosity = contact_bounds(model)
+    squared = largest_eigenvalue(with_joints(model, product_of(mass, *active), mass), mass)
+    drag = float((2.0 * viscosity / mass).max())
+    beta = float(model.group_damping("beta").max())
+    own, of_layer = in_layer(model).any(axis=1) & ~implicit, np.inf
+    if own.any():
+        lag = beta + float(layer_lags(model, np.flatnonzero(own)).max())
+        of_layer = longest_step(largest_eigenvalue(product_of(mass, own), mass), drag, lag)
+    dt = min(longest_step(squared, drag, beta), of_layer, of_lines)
+    part, joint, price = "the shortest distance of nodes", "", 1.0
+    if 2.0 * (spring / mass).max() > 0.5 * squared:  # both nodes of a contact move
+        worst = int((spring / mass).argmax())
+        x, y, z = model.nodes.points[worst]
+        joint = joint_at(model, np.array([worst]))
+        part = f"a contact of joint '{joint}' at ({x:.1f}, {y:.1f}, {z:.1f}) m"
+        alone = longest_step(largest_eigenvalue(product_of(mass, *active), mass), 0.0, beta)
+        price = min(alone, of_layer, of_lines) / dt
+    explicit = dt
+    if lines:
+        part += f"; {np.count_nonzero(implicit)} zones of thin layers are line-implicit"
+        own_steps = steps_of_zones(model)[0]
+        explicit *= float(own_steps.min() / own_steps[~implicit].min())
+    contacts = np.zeros(len(contact_pairs(model.nodes.contacts)), dtype=bool)
+    undamped = min(longest_step(squared, drag), of_lines)
+    return CriticalStep(
+        dt, undamped, part, Implicit(implicit, contacts), explicit, joint, price
+    )
 
 
 def _typical(own):

@@ -315,7 +315,7 @@ def make_firing(config, blast, reference_charge=None) -> Firing:
     """
     if blast is None or config is None:
         return ALONE
-    if (reference_charge or config.reference_charge_kg) and not np.any(blast.charge):
+    if not np.any(blast.charge):
         raise InputError("blast: all charges are zero, so nothing enters; give charges in kg")
     firing = blast.firing(reference_charge or config.reference_charge_kg, config.charge_exponent)
     if config.scatter_ms:

@@ -362,7 +362,7 @@ def summarise_delays(project: Project, plan: DelayPlan, pattern: np.ndarray) -> 
                 "curve_verified": house.limit_curve and curves[house.limit_curve].verified,
                 **{
                     name: {
-                        "within_limit": plan.share_within(band)[k],
+                        "within_limit": band.share_below(plan.limits)[k],
                         "levels": {f"{s:g}": band.level(s)[k] for s in SHARES},
                         "bands": {f"{s:g}": band.band(s)[:, k] for s in SHARES},
                     }

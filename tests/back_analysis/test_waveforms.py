@@ -86,7 +86,7 @@ def test_noise_leaves_its_share_of_the_energy(tmp_path):
     energy = np.sum(band.project(records.motion) ** 2)
     project = load_project(noisy(tmp_path))
     truth = set_all(project, PARAMETERS, TRUTH)
-    motion = sampled_motion(in_batches(truth, (), [()]), records.receivers, records)
+    motion = sampled_motion(in_batches([truth]), records.receivers, records)
 
     # 45 numbers, and a factor in the noise for the few that it is estimated from
     assert 0.2 < remaining(records, motion) / (noise / energy) < 1.5

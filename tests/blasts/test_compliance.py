@@ -1,10 +1,20 @@
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from pyblast import Seismogram
-from pyblast.blasts.compliance import assess, assess_all, compliance_csv, conclusion, explain
+from pyblast.blasts.compliance import (
+    assess,
+    assess_all,
+    compliance_csv,
+    conclusion,
+    explain,
+    share_at_level,
+)
+from pyblast.blasts.peaks import PeaksOfLaw
+from pyblast.blasts.published_laws import BY_NAME
 from pyblast.signals.comparison import load_limits
 
 TIME = np.arange(0.0, 2.0, 1e-3)
@@ -110,3 +120,36 @@ def test_every_curve_explains_itself_without_powers_of_ten(key):
 
     assert load_limits()[key].name in text
     assert "e+" not in text
+
+
+def test_a_simulated_peak_is_judged_by_what_95_percent_of_such_blasts_stay_below():
+    motion = sines((0.002, 20.0), (0.0, 1.0), (0.0, 1.0))
+    error = PeaksOfLaw(1.0, 0.4, 0.4), "the site's own law"
+    pair = {"simulated": {"house": motion}}, {"house": (100.0, 50.0)}
+
+    row = assess_all(*pair, ["din_4150_dwelling"], {"house": error})[0].table()
+
+    assert row["share"] < 1.0 < share_at_level(row)
+    assert row["high"] == pytest.approx(row["peak"] * 10.0 ** (0.4 * 1.6448536))
+    assert conclusion([row], True).startswith("Not allowed at house: ")
+    assert f"about {50.0 * share_at_level(row) ** (-2.0 / 1.6):.3g} kg" in explain(row)[-1]
+
+
+def test_a_level_by_a_published_law_alone_is_not_to_be_signed_but_a_record_is():
+    motion, law = sines((0.0005, 20.0), (0.0, 1.0), (0.0, 1.0)), BY_NAME["AS 2187.2-2006"]
+    errors = {"house": (replace(law.peak(100.0, 50.0), median=1.0), law.name)}
+
+    simulated, recorded = (
+        assess_all({kind: {"house": motion}}, {}, ["din_4150_dwelling"], errors)[0].table()
+        for kind in ("simulated", "recorded")
+    )
+
+    assert simulated["high"] == pytest.approx(4.0 * simulated["peak"])
+    words = conclusion([simulated], True)
+    assert words.startswith("Not to be signed: the level stands on a published law alone (AS 2187")
+    assert "recorded blast" in words
+    assert f"allowed: at most {400.0 * simulated['share']:.3g} %" in words
+    assert math.isnan(recorded["high"])
+    assert conclusion([recorded], True).startswith(
+        f"Allowed: at most {100.0 * recorded['share']:.3g} %"
+    )

@@ -33,7 +33,7 @@ def test_a_law_is_the_one_that_its_source_prints(name, law):
 def test_bounds_of_oriard_are_24_and_242_inches_per_second():
     feet, pounds = DISTANCE / 0.3048, CHARGE / 0.45359237
 
-    ends = np.array(BY_NAME["Oriard 1972"].ends(DISTANCE, CHARGE)) / 0.0254
+    ends = BY_NAME["Oriard 1972"].peak(DISTANCE, CHARGE).band(0.9) / 0.0254
 
     scaled = (feet / pounds**0.5) ** -1.6
     assert ends == pytest.approx([24.0 * scaled, 242.0 * scaled])
@@ -42,14 +42,14 @@ def test_bounds_of_oriard_are_24_and_242_inches_per_second():
 def test_ends_of_as_2187_2_are_two_fifths_and_four_times_its_law():
     law = BY_NAME["AS 2187.2-2006"]
 
-    ends = law.ends(DISTANCE, CHARGE)
+    ends = law.peak(DISTANCE, CHARGE).band(0.9)
 
     assert ends == pytest.approx([0.4 * law.ppv(DISTANCE, CHARGE), 4.0 * law.ppv(DISTANCE, CHARGE)])
 
 
 @pytest.mark.parametrize(("distance", "charge"), [(20.0, 5.0), (120.0, 60.0), (1500.0, 800.0)])
 def test_the_range_reaches_over_every_law_and_no_farther(distance, charge):
-    ends = np.array([law.ends(distance, charge) for law in LAWS])
+    ends = np.array([law.peak(distance, charge).band(0.9) for law in LAWS])
 
     plausible = plausible_ppv(distance, charge)
 
@@ -91,7 +91,7 @@ def test_the_range_of_one_law_is_its_own():
 
     plausible = plausible_ppv(DISTANCE, CHARGE, [law])
 
-    assert (plausible.low, plausible.high) == law.ends(DISTANCE, CHARGE)
+    assert (plausible.low, plausible.high) == tuple(law.peak(DISTANCE, CHARGE).band(0.9))
     assert plausible.laws == (law.name,)
 
 

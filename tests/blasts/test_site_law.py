@@ -29,7 +29,9 @@ def test_records_without_scatter_give_their_law_back():
 
     assert law.k == pytest.approx(K, rel=1e-12)
     assert law.beta == pytest.approx(BETA, rel=1e-12)
-    assert law.line(200.0, 50.0) == pytest.approx(scaled_distance_ppv(200.0, 50.0, K, BETA))
+    assert law.peak(200.0, 50.0).level(0.5) == pytest.approx(
+        scaled_distance_ppv(200.0, 50.0, K, BETA)
+    )
 
 
 def test_fit_is_that_of_linear_regression():
@@ -53,7 +55,7 @@ def test_lines_hold_the_share_of_new_blasts_that_they_say(n):
         peaks = K * places**-BETA * 10.0 ** generator.normal(0.0, S, n)
         law = fit_site_law(places, 1.0, peaks)
         fresh = K * scaled**-BETA * 10.0 ** generator.normal(0.0, S, 10)
-        below.append([fresh < law.line(scaled, 1.0, share) for share in (0.5, 0.95)])
+        below.append([fresh < law.peak(scaled, 1.0).level(share) for share in (0.5, 0.95)])
         low, high = law.beta_interval(0.9)
         inside += low < BETA < high
 
@@ -67,7 +69,7 @@ def test_charge_of_a_limit_meets_the_limit_on_the_line():
 
     charge = law.largest_charge(300.0, 0.005, 0.95)
 
-    assert law.line(300.0, charge, 0.95) == pytest.approx(0.005, rel=1e-5)
+    assert law.peak(300.0, charge).level(0.95) == pytest.approx(0.005, rel=1e-5)
     with pytest.raises(InputError, match=r"900 mm/s is not between .* record nearer"):
         law.largest_charge(300.0, 0.9)
 
@@ -77,7 +79,7 @@ def test_parallel_line_of_other_programs_is_below_the_prediction_line():
     scaled = np.geomspace(*law.reach, 9)
 
     assert law.k95 == pytest.approx(law.k * 10.0 ** (1.6448536 * law.s))
-    assert (law.k95 * scaled**-law.beta < law.line(scaled, 1.0, 0.95)).all()
+    assert (law.k95 * scaled**-law.beta < law.peak(scaled, 1.0).level(0.95)).all()
 
 
 def test_doubts_are_told():
@@ -111,9 +113,9 @@ def test_fits_that_the_data_do_not_support_are_refused(scaled, ppv, message):
 def test_law_is_not_used_far_outside_its_records():
     law = fit_site_law(*records(np.random.default_rng(6)))
 
-    law.line(1.5 * law.reach[1], 1.0)
+    law.peak(1.5 * law.reach[1], 1.0)
     with pytest.raises(InputError, match=r"got .* to"):
-        law.line(1.6 * law.reach[1], 1.0)
+        law.peak(1.6 * law.reach[1], 1.0)
 
 
 def test_table_is_read_with_its_units(tmp_path):
@@ -196,7 +198,7 @@ def test_a_record_that_the_law_of_the_others_does_not_allow_is_named(factor):
     ]
 
     others = fit_site_law(np.delete(distance, 6), np.full(11, 64.0), np.delete(ppv, 6))
-    times = ppv[6] / others.line(distance[6], 64.0)
+    times = ppv[6] / others.peak(distance[6], 64.0).level(0.5)
     assert not any("lies" in note for note in clean.notes)
     assert f"record 7 lies {max(times, 1.0 / times):.2g} times" in said
     assert ("above" in said) == (factor > 1.0)

@@ -102,9 +102,11 @@ def test_wrong_usage_ends_with_code_two():
 
 
 def test_a_check_that_fails_ends_with_code_three(tmp_path):
-    found = call("check", written(tmp_path))
+    found = call("check", written(tmp_path), "--page", tmp_path / "check.html")
 
     assert found.exit_code == 3
+    page = (tmp_path / "check.html").read_text(encoding="utf-8")
+    assert "does not carry the input" in page[: page.index('class="view"')]
     assert "carries Hz" in found.output
     assert "D1: The mesh of 'soil' does not carry the input" in found.output
     assert "D40 FAILS: The run does not hold the motion of the blast" in found.output

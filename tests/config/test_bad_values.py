@@ -1,7 +1,7 @@
 """Values that nothing has, names that break terminals, and input that is nothing are refused."""
 
 import pytest
-from small_project import written
+from small_project import INSIDE, TEXT, written
 from typer.testing import CliRunner
 
 from pyblast.cli.commands import app
@@ -18,8 +18,9 @@ FORCE = '\n[[point_forces]]\nposition_m = [1, 1]\ndirection = [0, 0, 1]\nfile = 
     [
         (DENSITY, "density_kg_per_m3 = 1e300", "density_kg_per_m3: must be at most 25000, got"),
         ("young_mpa = 18720", "young_mpa = 60", "young_mpa: 60 gives shear waves of 93.1 m/s"),
+        ("young_mpa = 18720\npoisson = 0.3", "cp_m_per_s = 166\ncs_m_per_s = 96", "is it in km/s"),
         (PLACE, f"{PLACE}\ncharge_exponent = 1e6", "charge_exponent: must be at most 2, got"),
-        ("rows = 4", "rows = 1_000_000_000", "must make at most 100000 holes"),
+        ("rows = 4", "rows = 1_000_000", "must make at most 100000 holes"),
         (DENSITY, "density_kg_per_m3 = 1979-05-27T07:32:00Z", "got 1979-05-27T07:32:00Z"),
         (DENSITY, "density_kg_per_m3 = [true]", r"a number, got \[true\]"),
         (DENSITY, f"density_kg_per_m3 = 1{'0' * 5000}", r"line \d+ holds a number of too many"),
@@ -42,6 +43,28 @@ def test_a_force_of_zeros_does_not_enter(tmp_path):
 
     with pytest.raises(ReadError, match=r"f\.csv: is zero throughout"):
         _ = load_project(written(tmp_path, ("[run]", f"{FORCE}[run]"))).inside
+
+
+@pytest.mark.parametrize(("text", "reference"), [(TEXT, ""), (TEXT, "reference_charge_kg = 50"),
+                                                 (INSIDE, "")])  # fmt: skip
+def test_charges_of_zero_do_not_enter(tmp_path, text, reference):
+    head, rest = text.split("[blast]\n")
+    table, rest = rest[: rest.index("[")], rest[rest.index("\n[") :]
+    assert "charge_kg" in table
+    file = f'[blast]\nfile = "holes.csv"\n{reference}\n'
+    (tmp_path / "holes.csv").write_text(
+        "hole,x_m,y_m,z_m,depth_m,charge_kg,time_ms\nH1,14,10,30,12,0,0\nH2,18,10,30,12,0,25\n"
+    )
+    project = load_project(written(tmp_path, text=f"{head}{file}{rest}"))
+
+    with pytest.raises(InputError, match=r"all charges are zero, so nothing|no hole has a charge"):
+        _ = project.model
+
+
+@pytest.mark.parametrize("size", ["radius_m = 500", "extent_m = [500, 400]"])
+def test_a_fault_that_ends_beyond_its_box_is_refused(tmp_path, size):
+    with pytest.raises(InputError, match=r"faults\.F1\.\w+: reaches beyond the box"):
+        read_config(written(tmp_path, ("through_m", f"{size}\nthrough_m")))
 
 
 @pytest.mark.parametrize(("wave", "azimuth"), [("SH", 90), ("SV", 0)])

@@ -139,10 +139,11 @@ def test_two_levels_or_half_of_one_are_refused(tmp_path, keys, message):
 
 
 @pytest.mark.parametrize(
-    ("pressure", "words"), [("pressure_mpa = 1", "too low"), ("pressure_mpa = 1e9", "too high")]
+    ("pressure", "radius", "words"), [("1", "0.5", "too low"), ("1e6", "5", "too high")]
 )
-def test_holes_inside_far_off_are_named_before_the_run(tmp_path, pressure, words):
-    (found,) = finding_of(written(tmp_path, ("pressure_mpa = 100", pressure), text=INSIDE))
+def test_holes_inside_far_off_are_named_before_the_run(tmp_path, pressure, radius, words):
+    changes = ("pressure_mpa = 100", f"pressure_mpa = {pressure}"), ("= 0.5", f"= {radius}")
+    (found,) = finding_of(written(tmp_path, *changes, text=INSIDE))
 
     assert words in found.title
     assert found.failed

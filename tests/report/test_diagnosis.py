@@ -26,6 +26,7 @@ from pyblast.report.diagnosis import (
     score_rows,
     usual,
 )
+from pyblast.report.diagnosis import scene_of as view_of
 
 SLOW = Effect("clock_error", "R2", ((0.0,),))
 DELAYS = Effect("delay_scatter", "B1", ((0.0, 0.0, 0.0),))
@@ -99,6 +100,18 @@ def test_a_slow_clock_is_named_with_its_place_and_time():
     assert found.decision.outcome == "NAMED"
     assert lead(found, summary).startswith("The clock of receiver R2 was wrong")
     assert re.search(r"clock_error receiver R2 shift 1[5-7]", text("NAMED"))
+
+
+def test_the_view_colours_receivers_by_the_misfit_of_the_site_without_effects():
+    found, summary = made("NAMED")
+
+    shown = view_of(found, summary)
+
+    misfits = np.mean(found.search.without_effects.chi_square, axis=0)
+    for name, misfit in zip(found.search.scene.case.receivers, misfits, strict=True):
+        assert shown["receivers"][name]["values"]["misfit"] == pytest.approx(misfit)
+    assert ("misfit" in shown["fields"], shown["located"]) == (True, [])
+    assert '"misfit"' in page("NAMED")
 
 
 def test_the_page_draws_maps_ranking_and_records_that_were_left_out():

@@ -1,9 +1,12 @@
 import base64
+import hashlib
 import html
 import json
+import os
 import re
 import shutil
 import subprocess
+from importlib import resources
 
 import numpy as np
 import pytest
@@ -19,11 +22,13 @@ from pyblast.project.project import load_project
 from pyblast.project.result import Result, read_result
 from pyblast.report import view
 from pyblast.report.pages import page
-from pyblast.report.view import ModelView, scene
+from pyblast.report.view import ModelView, scene, with_diagnosis
 from pyblast.workflows import run
 
 ROCK = Material.from_speeds(2700.0, 5000.0, 3000.0)
 HOSTILE = "</script><script>alert(\"&')</script>"
+THREE = "0.187.0"
+THREE_SHA256 = "d1d5c61329dff42cc0ad85794fa8695222b61b016f933933a15acf63e083f972"
 CHROMIUM = shutil.which("chromium") or shutil.which("google-chrome")
 
 
@@ -121,11 +126,15 @@ def test_a_block_that_can_move_out_is_marked():
 
 def test_a_thinned_view_keeps_the_largest_value_and_says_what_it_lost(result, monkeypatch):
     whole = scene(result)
-    monkeypatch.setattr(view, "MOST_TRIANGLES", 60)
+    monkeypatch.setattr(view, "MOST_BYTES", 3000)
 
     thinned = scene(result)
 
-    assert thinned["triangles"] <= 60 < whole["triangles"]
+    held = [[p["points"], p["triangles"], *p["of_point"].values(), *p["of_triangle"].values()]
+            for p in thinned["parts"]]  # fmt: skip
+    # texts end in full groups of four letters
+    assert 1500 < len("".join(each for part in held for each in part)) < 3040
+    assert thinned["triangles"] < whole["triangles"]
     assert f"of {whole['triangles']}: what is smaller than" in thinned["said"]
     assert thinned["fields"]["ppv"]["high"] == whole["fields"]["ppv"]["high"]
     assert whole["said"] == f"{whole['triangles']} triangles"
@@ -202,37 +211,102 @@ def test_hostile_names_end_no_script_and_open_no_tag():
     frame = shown._repr_html_()
     assert frame.count("<") == 2  # of the frame alone: its page is an attribute
     assert html.unescape(re.search(r'srcdoc="([^"]*)"', frame)[1]) == shown.page()
-    assert "http" not in re.sub(r"www\.w3\.org", "", shown.page())
+    addresses = set(re.findall(r"https?://[^\"']+|fetch\(|XMLHttp|import\(", shown.page()))
+    assert addresses == {"http://www.w3.org/1999/xhtml"}  # a name space, which nobody loads
 
 
-def in_browser(folder, text, probe):
+def test_receivers_take_the_colour_of_their_share_of_a_limit(result):
+    limit = {"receiver": "R1", "share": 0.73}
+
+    drawn = scene(Result(result.arrays, result.summary | {"compliance": {"rows": [limit]}}))
+
+    assert drawn["receivers"]["R1"]["values"] == {"share": pytest.approx(73.0)}
+    assert drawn["fields"]["share"]["low"] == pytest.approx(73.0)
+    assert "share" not in scene(result)["fields"]
+
+
+def test_a_diagnosis_marks_planes_with_effects_and_adds_those_that_the_model_lacks(result):
+    square = np.array([[5.0, 0, 0], [5, 20, 0], [5, 20, 30], [5, 0, 30]])
+    found = {"x": 30.0, "y": 10.0, "resolution_m": 8.0}
+
+    drawn = with_diagnosis(scene(result), {"R1": 6.0}, {"F1": [], "found": [square]}, [found])
+
+    kinds = {part["name"]: part["kind"] for part in drawn["parts"]}
+    assert kinds == {"ground": "ground", "F1": "named", "found": "named"}
+    added = drawn["parts"][-1]
+    assert added["area"] == pytest.approx(600.0)
+    assert (added["dip"], added["direction"] % 180.0) == (90.0, 90.0)
+    np.testing.assert_allclose(
+        corners(drawn, added), [square[[0, 1, 2]], square[[0, 2, 3]]], atol=drawn["step"]
+    )
+    assert drawn["receivers"]["R1"]["values"]["misfit"] == 6.0
+    assert drawn["located"] == [found]
+    assert next(iter(drawn["fields"])) == "misfit"
+
+
+def test_three_is_the_pinned_one_with_its_licence():
+    text = source("three.min.js")
+    licence = source("three.LICENSE")
+
+    assert text.startswith(f"/*! three.js {THREE}\n")
+    assert licence.startswith("The MIT License")
+    assert licence.strip() in text  # every page that holds it keeps its licence
+    assert hashlib.sha256(text.encode()).hexdigest() == THREE_SHA256
+    assert "</script" not in text
+
+
+def source(name):
+    return (resources.files("pyblast.report") / "templates" / name).read_text(encoding="utf-8")
+
+
+SWIFTSHADER = ("--use-angle=swiftshader", "--enable-unsafe-swiftshader")  # no graphics card
+
+
+def in_browser(folder, text, probe, *options):
     """Return what a script finds in a page, by the title that it leaves."""
     script = f"<script>setTimeout(function () {{ {probe} }}, 50)</script></body>"
     (folder / "page.html").write_text(text.replace("</body>", script), encoding="utf-8")
     done = subprocess.run(
-        [CHROMIUM, "--headless", "--no-sandbox", "--disable-gpu", "--window-size=900,800",
+        [CHROMIUM, "--headless", "--no-sandbox", *(options or SWIFTSHADER),
+         "--window-size=900,800", "--host-resolver-rules=MAP * ~NOTFOUND",
          "--virtual-time-budget=5000", "--dump-dom", f"file://{folder}/page.html"],
         capture_output=True, text=True, timeout=120, check=True,
     )  # fmt: skip
     return json.loads(html.unescape(re.search(r"<title>(.*?)</title>", done.stdout)[1]))
 
 
+@pytest.mark.skipif(CHROMIUM is None, reason="needs Chromium")
+def test_a_browser_without_webgl_says_so_and_lists_what_the_view_shows(result, tmp_path):
+    probe = """document.title = JSON.stringify([
+      document.querySelector(".view .readout").textContent,
+      document.querySelectorAll(".view canvas, .view select").length,
+      document.querySelector("details.values").open]);"""
+
+    without = "--disable-gpu", "--disable-3d-apis"
+    out = in_browser(tmp_path, ModelView(result).page(), probe, *without)
+
+    assert out[0].startswith("This browser has no WebGL")
+    assert out[1:] == [0, True]
+
+
 PROBE = """
-var canvas = document.querySelector(".view canvas"), pen = canvas.getContext("2d"), out = {};
+var canvas = document.querySelector(".view canvas"), out = {};
 function key(name) { canvas.dispatchEvent(new KeyboardEvent("keydown", { key: name })); }
 function pick(name, value) {
   var s = document.querySelector(".view ." + name);
   s.value = value; s.onchange();
 }
-function click(x, y) {
+function pointer(kind, x, y) {
   var r = canvas.getBoundingClientRect();
   var at = { pointerId: 1, clientX: r.left + x, clientY: r.top + y, bubbles: true };
-  canvas.setPointerCapture = function () {};
-  canvas.dispatchEvent(new PointerEvent("pointerdown", at));
-  canvas.dispatchEvent(new PointerEvent("pointerup", at));
+  canvas.setPointerCapture = canvas.releasePointerCapture = function () {};
+  canvas.dispatchEvent(new PointerEvent("pointer" + kind, at));
+}
+function click(x, y) {
+  pointer("down", x, y); pointer("up", x, y);
   return document.querySelector(".view .readout").textContent;
 }
-function picture() { return pen.getImageData(0, 0, canvas.width, canvas.height).data.join(","); }
+function picture() { return canvas.toDataURL(); }
 out.ms = Number(canvas.dataset.ms);
 var look = document.querySelector(".view select[aria-label='look from']");
 look.value = "above"; look.onchange();
@@ -247,6 +321,8 @@ function found(low, high) {
 out.above = found(-1e9, 1e9);
 var first = picture();
 key("n"); out.first = document.querySelector(".view .readout").textContent;
+pointer("down", 300, 200); pointer("move", 360, 240); pointer("up", 360, 240);
+out.dragged = picture() !== first;
 look.value = "south"; look.onchange(); out.turned = picture() !== first;
 var whole = picture(); pick("cut", "north"); out.cut = picture() !== whole;
 out.face = found(5, 25);
@@ -262,7 +338,8 @@ def test_a_browser_turns_cuts_clicks_and_reads_numbers(result, tmp_path):
 
     out = in_browser(tmp_path, ModelView(result).page(), PROBE)
 
-    assert out["ms"] < 2000
+    if os.getloadavg()[0] < os.cpu_count():  # else it is the time of others, too
+        assert out["ms"] < 2000
     east, north, height = map(float, re.findall(r"-?\d+\.\d", out["above"])[:3])
     stored, peak = (
         result.arrays["surface_peaks"],
@@ -273,6 +350,7 @@ def test_a_browser_turns_cuts_clicks_and_reads_numbers(result, tmp_path):
     around = 1e3 * stored["velocity"][near]
     assert 0.99 * around.min() < peak < 1.01 * around.max()
     assert out["first"].startswith("hole 1-1, number 1 to fire at east -39.0, north -44.4")
+    assert out["dragged"]
     assert out["turned"]
     assert out["cut"]
     middle = float(re.search(r"north (-?[\d.]+)", out["face"])[1])

@@ -103,7 +103,7 @@ def test_a_notebook_shows_models_that_are_meshed_and_turns_them(tmp_path, monkey
 
     pyblast._show_in_notebooks()
 
-    assert set(shown) == {"Model", "Project", "Result"}
+    assert set(shown) == {"Model", "Project", "Result", "Diagnosis"}
     assert shown["Project"](project) is None  # not meshed yet
     assert shown["Model"](project.model).startswith("<iframe")
     assert shown["Project"](project) == pyblast.ModelView(project)._repr_html_()

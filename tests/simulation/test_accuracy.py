@@ -142,7 +142,8 @@ def test_a_mesh_without_a_size_carries_the_blast_in_each_layer(tmp_path, changes
     (sized,) = re.findall(r"sized for the (\S+) Hz of the blast", project.meshed.reason)
     assert band.needed <= float(sized) <= 1.15 * MOST * band.needed + 0.05  # of three digits
     assert band.complete
-    assert band.carried > 0.95 * float(sized)
+    # what is carried counts 5 nodes a wavelength, edges for this short way have 4.6
+    assert band.carried > 0.92 * float(sized)
     edges = project.model.mean_edges()
     assert len(edges) == 1 or edges["soil"] < 0.7 * edges["rock"]  # no layer sets that of all
 

@@ -130,7 +130,7 @@ def test_holes_inside_shake_a_receiver_as_the_run_of_the_project_does(tmp_path):
     path.write_text(slow + table + '[[delays.houses]]\nname = "house"\nlimit_mm_per_s = 1\n')
 
     told, _ = optimise_delays(path)
-    run = in_batches(load_project(path), (), [()])[0]["house"]
+    run = in_batches([load_project(path)])[0]["house"]
 
     # rows fire together as planned; half a step between samples of the two
     level = told["houses"][0]["before"]["levels"]["0.9"]

@@ -320,13 +320,34 @@ def divided(first: float, second: float, edge: float, fine: Sequence = ()) -> np
     return np.concatenate([[first], inner])
 
 
+Sizes = Sequence[float] | Sequence[tuple[float, float]]
+
+
+def edge_pairs(sizes: Sizes) -> np.ndarray:
+    """Return width and height (n, 2) in m of the hexahedra of each layer, alike where one is given.
+
+    Examples
+    --------
+    >>> edge_pairs([20.0]).tolist(), edge_pairs([(40.0, 5.0)]).tolist()
+    ([[20.0, 20.0]], [[40.0, 5.0]])
+    """
+    values = np.asarray(sizes, dtype=float)
+    return values if values.ndim == 2 else np.column_stack([values, values])
+
+
+def least_edge(sizes: Sizes, thicknesses: np.ndarray) -> float:
+    """Return the edge in m of zones as wide as high; a layer of one zone's height sets no other."""
+    wide, high = edge_pairs(sizes).T
+    return float(np.where(thicknesses <= high, wide, np.minimum(wide, high)).min())
+
+
 class Builder(Protocol):
     """Builder of meshes of spectral hexahedra."""
 
     def __call__(
         self,
         geometry: Geometry,
-        sizes: Sequence[float],
+        sizes: Sizes,
         order: int,
         lines: Sequence[Fine] | None = None,
     ) -> Mesh:
@@ -335,8 +356,8 @@ class Builder(Protocol):
         Parameters
         ----------
         geometry : Geometry
-        sizes : sequence of float, m
-            Largest edge of the hexahedra of each layer.
+        sizes : sequence of float or of (float, float), m
+            Largest edge of the hexahedra of each layer, or width along it and height across it.
         order : int
             Of the polynomials.
         lines : sequence of Fine, optional
@@ -353,7 +374,7 @@ class Builder(Protocol):
 
 
 def build_mapped(
-    geometry: Geometry, sizes: Sequence[float], order: int, lines: Sequence[Fine] | None = None
+    geometry: Geometry, sizes: Sizes, order: int, lines: Sequence[Fine] | None = None
 ) -> Mesh:
     """Build the mapped grid of least work that serves, as a `Builder`.
 
@@ -371,7 +392,7 @@ def build_mapped(
     surface = None if geometry.surface is None else Surface(geometry)
     for frame in _frames(geometry, planes):
         try:
-            edges = np.asarray(sizes, dtype=float)
+            edges = edge_pairs(sizes)
             meshes.append(_Grid(geometry, planes, edges, order, frame, surface, lines).mesh())
         except NotMapped as reason:
             reasons.append(str(reason))
@@ -426,9 +447,9 @@ class _Grid:
 
     def __init__(self, geometry, planes, sizes, order, frame, surface, lines):
         """Sort the planes by axis and divide the distances between them."""
-        self.geometry, self.sizes, self.frame, self.surface = geometry, sizes, frame, surface
+        self.geometry, self.frame, self.surface = geometry, frame, surface
         self.order, self.cells = order, layer_cells(order)
-        self.edge = float(min(sizes))
+        self.edge, self.heights = float(sizes[:, 0].min()), sizes[:, 1]
         self.range = extent_along(frame, geometry.box)
         self.names = side_names(frame)
         self.open = np.array([[s in geometry.open_sides for s in pair] for pair in self.names])
@@ -543,7 +564,7 @@ class _Grid:
         """Return the wanted edge in m of the cells between two surfaces of an axis."""
         if axis == 2:
             layer = int(np.searchsorted(-self.geometry.limits[1:-1], -0.5 * (first + second)))
-            return self.sizes[layer]
+            return self.heights[layer]
         if axis == 0:
             u, v = (next(f for f in self.family if f.x == x) for x in (first, second))
             widest = (v.at(self.corners) - u.at(self.corners)).max()

@@ -18,7 +18,18 @@ from ..faces import face_keys, face_vectors
 from ..grid import SIDES, Geometry
 from ..mesh import Mesh
 from ..quality import explicit_work
-from .mapped import SAME, Fine, NotMapped, Surface, between_zones, layer_beside, layer_cells
+from .mapped import (
+    SAME,
+    Fine,
+    NotMapped,
+    Sizes,
+    Surface,
+    between_zones,
+    edge_pairs,
+    layer_beside,
+    layer_cells,
+    least_edge,
+)
 from .swept import sliding, smoothed_quadrilaterals, upright
 
 EDGES = np.array([[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]])  # of a tetrahedron
@@ -38,17 +49,18 @@ POWERS, ITERATIONS = (4, 16), 60  # lengthens the step by half
 
 
 def build_subdivided(
-    geometry: Geometry, sizes: Sequence[float], order: int, lines: Sequence[Fine] | None = None
+    geometry: Geometry, sizes: Sizes, order: int, lines: Sequence[Fine] | None = None
 ) -> Mesh:
     """Build hexahedra of order 2 to 4 from tetrahedra, as a `mapped.Builder`."""
     if order not in ORDERS:
         raise NotMapped(f"tetrahedra are cut into hexahedra of order 2 to 4, not {order}")
-    meshes = []
+    meshes, thick = [], np.diff(-geometry.limits)
+    edges = [least_edge([size], thick[k : k + 1]) for k, size in enumerate(edge_pairs(sizes))]
     for factor in TRIALS:
-        mesh = _cut(geometry, [factor * size for size in sizes], order, lines)
+        mesh = _cut(geometry, [factor * edge for edge in edges], order, lines)
         work, best = explicit_work(mesh), min((each[0] for each in meshes), default=np.inf)
         meshes.append((work, factor, mesh))
-        cubes = len(mesh.zones) * order**3 / factor / min(sizes)
+        cubes = len(mesh.zones) * order**3 / factor / min(edges)
         if work < GOOD * cubes or best <= work < FAIR * cubes or work > WORSE * best:
             break
     return min(meshes, key=lambda each: each[0])[2]

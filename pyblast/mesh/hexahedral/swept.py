@@ -25,13 +25,16 @@ from .mapped import (
     Fine,
     NotMapped,
     Plane,
+    Sizes,
     Surface,
     between_zones,
     distinct_values,
     divided,
+    edge_pairs,
     extent_along,
     layer_beside,
     layer_cells,
+    least_edge,
     planes_of,
     side_names,
 )
@@ -58,7 +61,7 @@ class _Trace:
 
 
 def build_swept(
-    geometry: Geometry, sizes: Sequence[float], order: int, lines: Sequence[Fine] | None = None
+    geometry: Geometry, sizes: Sizes, order: int, lines: Sequence[Fine] | None = None
 ) -> Mesh:
     """Build a swept mesh, as a `mapped.Builder`."""
     planes, reasons = planes_of(geometry), []
@@ -66,7 +69,7 @@ def build_swept(
         if not _suits(planes, frame):
             continue
         try:
-            edges = np.asarray(sizes, dtype=float)
+            edges = edge_pairs(sizes)
             return _Sweep(geometry, planes, edges, order, frame, lines).mesh()
         except (MeshingError, NotMapped) as reason:
             reasons.append(str(reason))
@@ -344,9 +347,10 @@ class _Sweep:
     def __init__(self, geometry, planes, sizes, order, frame, lines):
         """Set limits, tolerance and reference height; ease the sides that may move."""
         self.order, self.wide = order, layer_cells(order)
-        self.geometry, self.planes, self.sizes, self.frame = geometry, planes, sizes, frame
-        self.edge = float(min(sizes))
+        self.geometry, self.planes, self.frame = geometry, planes, frame
         self.vertical = abs(frame[2, 2]) > 0.5
+        thick, self.heights = np.diff(-geometry.limits), sizes[:, 1]
+        self.edge = float(sizes[:, 0].min()) if self.vertical else least_edge(sizes, thick)
         self.upward = frame[2, 2]  # of a vertical sweep, else 0
         self.range = extent_along(frame, geometry.box)
         self.names = side_names(frame)
@@ -601,7 +605,7 @@ class _Sweep:
         for first, second in pairwise(anchors):
             edge = self.edge
             if self.vertical:
-                edge = self.sizes[int(self._layer_of(0.5 * self.upward * (first + second)))]
+                edge = self.heights[int(self._layer_of(0.5 * self.upward * (first + second)))]
             parts.append(divided(first, second, edge, fine))
         line = np.concatenate([*parts, [high]])
         self.cells = [line[1] - line[0], line[-1] - line[-2]] if self.vertical else [self.edge] * 2

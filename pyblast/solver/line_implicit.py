@@ -1,0 +1,180 @@
+"""Line-implicit layers: thin layers of hexahedra, implicit along their lines of nodes."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ..mesh import hexahedra
+from ..model.model import Model
+from .hexahedra import ACROSS, in_layer, layer_lags, without_layer
+from .implicit_zones import cluster_arrays, clusters_of, moved_nodes, no_implicit_zones
+
+WEIGHT = 2.0  # of the stiffness along lines, over that of the trapezoidal rule
+SHARE = 0.25  # of the mass of line-implicit zones, for their stiffness across the lines
+NODE_COST = 0.5  # of a line's node over that of an explicit zone's node, in a step
+LEAST_GAIN = 1.3  # of the cost of a run, for a layer to become implicit
+MOST_NODES = 200  # in one line
+
+
+@dataclass(frozen=True, eq=False)
+class Lines:
+    """Lines of nodes across thin zones, with the part of the stiffness that acts along them.
+
+    Parameters
+    ----------
+    nodes : (n, order + 1) int
+        One row for each line of a zone.
+    stiffness : (n, order + 1, 3, order + 1, 3) float64, N/m
+        At unrelaxed moduli.
+    lag : (n,) float64, s
+        Viscosity over stiffness.
+    """
+
+    nodes: np.ndarray
+    stiffness: np.ndarray
+    lag: np.ndarray
+
+
+def largest_on_line(order: int) -> float:
+    """Return the largest eigenvalue of a line of Gauss-Lobatto nodes on [-1, 1] of unit ground.
+
+    An infinite row of such elements has the same.
+
+    Examples
+    --------
+    >>> [round(largest_on_line(order), 1) for order in (3, 4, 5)]
+    [18.6, 45.8, 98.0]
+    """
+    _, weight = hexahedra.lobatto(order)
+    slope = hexahedra.slopes_on_line(order)
+    stiffness = np.einsum("qa,q,qb->ab", slope, weight, slope)
+    root = np.sqrt(weight)
+    return float(np.linalg.eigvalsh(stiffness / np.outer(root, root))[-1])
+
+
+def _gradients(model, zones):
+    """Return the lengths (n, 3) of the gradients of the coordinates of zones in 1/m, the most."""
+    inverse = np.linalg.inv(model.spectral.jacobian[zones])
+    return np.linalg.norm(inverse, axis=-1).max(axis=1)
+
+
+def steps_of_zones(model: Model) -> tuple[np.ndarray, np.ndarray]:
+    """Return bounds of the critical step of zones alone, explicit and line-implicit, (n_zones,) s.
+
+    Without damping; exact for no zone, safe for bricks: theory.md (2.57).
+    """
+    lame, shear = model.stiffest_moduli()
+    density = model.zone_values("density")
+    squares = np.sort(_gradients(model, slice(None)) ** 2, axis=1)
+    squares *= largest_on_line(model.mesh.order)
+    whole = (lame + 2.0 * shear) / density * squares.sum(axis=1)
+    across = 2.0 * WEIGHT * (lame + shear) / density * squares[:, :2].sum(axis=1)
+    return 2.0 / np.sqrt(whole), 2.0 / np.sqrt(across / SHARE)
+
+
+def line_zones(model: Model) -> np.ndarray:
+    """Return which zones a run takes implicitly along their lines of nodes, (n_zones,) bool.
+
+    Those of the layers without which the step is so much longer that the run is cheaper by
+    `LEAST_GAIN`: none in most grounds.
+    """
+    none = np.zeros(len(model.mesh.zones), dtype=bool)
+    group = model.mesh.zone_group
+    if len(model.mesh.groups) < 2:
+        return none
+    explicit, implicit = steps_of_zones(model)
+    least = np.full(len(model.mesh.groups), np.inf)
+    np.minimum.at(least, group, explicit)
+    best, chosen = explicit.min() / LEAST_GAIN, none
+    for number in np.argsort(least)[:-1]:
+        more = chosen | (group == number)
+        step = min(explicit[~more].min(), implicit[more].min())
+        gain = step / (1.0 + NODE_COST * np.mean(more))
+        if gain <= best or not _upright(model, more):
+            break
+        best, chosen = gain, more
+    return chosen
+
+
+def _upright(model, zones):
+    """Return whether lines of nodes across zones stand apart, are free and see one stretch."""
+    nodes = _line_nodes(model, zones)[0]
+    if moved_nodes(model)[nodes].any():
+        return False
+    if np.bincount(clusters_of(nodes)[2]).max() > MOST_NODES:
+        return False
+    layer = model.mesh.layer
+    if layer is None or not in_layer(model)[zones].any():
+        return True
+    return bool(np.ptp(layer.depths(model.spectral.points[nodes]), axis=1).max() <= ACROSS)
+
+
+def _line_nodes(model, zones):
+    """Return the nodes (n, order + 1) of lines across zones, and what turns each zone to them.
+
+    Namely the numbers (n_zones, n) of its nodes, line after line, and its thin axis (n_zones,).
+    """
+    size = model.mesh.order + 1
+    thin = _gradients(model, zones).argmax(axis=1)
+    number = np.arange(size**3).reshape(size, size, size)
+    turns = np.array([np.moveaxis(number, 2 - axis, 2).ravel() for axis in range(3)])[thin]
+    nodes = np.take_along_axis(model.spectral.zone_nodes[zones], turns, axis=1)
+    return nodes.reshape(-1, size), turns, thin
+
+
+def node_lines(model: Model, zones: np.ndarray) -> Lines:
+    """Return the lines of nodes across zones, with the stiffness along them.
+
+    Parameters
+    ----------
+    model : Model
+    zones : (n_zones,) bool
+
+    Notes
+    -----
+    Of the gradient of a motion, the part along the coordinate t of the line:
+    ``integral of (l_a' l_b') [(lambda + mu) g g^T + mu |g|^2 1]`` with g = grad t;
+    theory.md (2.55).
+    """
+    numbers, size = np.flatnonzero(zones), model.mesh.order + 1
+    nodes, turns, thin = _line_nodes(model, zones)
+    inverse = np.linalg.inv(model.spectral.jacobian[numbers])
+    along = np.take_along_axis(inverse, thin[:, None, None, None], axis=2)[:, :, 0]
+    lame, shear = _moduli(model, numbers)
+    acoustic = np.einsum("zq,zqi,zqj->zqij", lame + shear, along, along)
+    acoustic += np.einsum("zq,zqk,zqk,ij->zqij", shear, along, along, np.eye(3))
+    acoustic *= model.spectral.volumes[numbers][..., None, None]
+    acoustic = np.take_along_axis(acoustic, turns[..., None, None], axis=1)
+    slope = hexahedra.slopes_on_line(model.mesh.order)
+    stiffness = np.einsum(
+        "nqij,qa,qb->naibj", acoustic.reshape(-1, size, 3, 3), slope, slope, optimize=True
+    )
+    lag = layer_lags(model, numbers) + model.zone_damping("beta")[numbers]
+    return Lines(nodes, stiffness, np.repeat(lag, size * size))
+
+
+def _moduli(model, zones):
+    """Return the unrelaxed Lame moduli (n, n_nodes) at the nodes of zones, in Pa."""
+    relaxed, stiffest = model.zone_moduli(), model.stiffest_moduli()
+    lame, shear = (values[zones] for values in model.node_moduli())
+    of_s = (stiffest[1] / relaxed[1])[zones, None]
+    of_p = (stiffest[0] + 2.0 * stiffest[1]) / (relaxed[0] + 2.0 * relaxed[1])
+    of_p = of_p[zones, None] * (lame + 2.0 * shear)
+    return of_p - 2.0 * of_s * shear, of_s * shear
+
+
+def line_arrays(model: Model, constants: dict[str, Any], zones: np.ndarray) -> dict[str, Any]:
+    """Return the factored matrix of line-implicit zones as kernel arrays; theory.md (2.56).
+
+    ``constants`` hold masses, mass damping, dashpots and directions at rest; ``zones``
+    (n_zones,) bool.
+    """
+    if not zones.any():
+        return no_implicit_zones()
+    lines, dt = node_lines(model, zones), constants["dt"]
+    node, local, cluster = clusters_of(lines.nodes)
+    stretch = (constants["node_mass"] / without_layer(constants)["node_mass"])[lines.nodes[:, 0]]
+    share = WEIGHT * stretch * (0.25 * dt**2 + 0.5 * dt * lines.lag)
+    stiffness = np.einsum("n,naibj->naibj", share, lines.stiffness)
+    return cluster_arrays(constants, [stiffness], local, node, cluster)
