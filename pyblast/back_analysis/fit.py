@@ -49,6 +49,7 @@ LONGEST = {SPEED: 0.06, STIFFNESS: 0.7}  # step of a coordinate
 LONGEST_OTHER = 0.5
 HALF = 0.5  # of the energy: more that remains asks for a second start
 EXPECTED_STEPS = 3
+LAST_STEPS = 3  # by all levels
 WORSE = 1.1, 0.02  # factor on the energy that remains, and more, at which a step is shortened
 LACK = 0.01  # of the energy: more model error than this means that the model lacks something
 WORK_OF_BETTER = 3.5  # of a run on the better mesh, over one on the working mesh
@@ -246,7 +247,7 @@ class Fitter:
             np.array([_of_programs(each) for each in everything]),
         )  # fmt: skip
         self.renews = False
-        self.compared = records  # in the band that is fitted
+        self.compared, self.levels = records, FEW_LEVELS  # in the band that is fitted
         self.correction = self.change = np.zeros(0)
         self.has_better = first.refined(BETTER) is not None
         if not self.has_better:
@@ -450,17 +451,20 @@ class Fitter:
     def _descended(self, state, records) -> Fit:
         """Fit records from a state, which moves to where this ends."""
         self.starts, self.compared = self.starts + 1, records
-        return self._result(state, descend(self, state))
+        self.levels = FEW_LEVELS
+        descend(self, state)
+        self.levels = ALL_LEVELS
+        return self._result(state, descend(self, state, LAST_STEPS))
 
     def simulated(self, x: np.ndarray) -> np.ndarray:
         """Return the motion at coordinates (n,), by a run of each blast."""
         plain = self._run([_Trial("step", x)])[0]
         return plain + self.correction + np.tensordot(x, self.change, 1)
 
-    def worsened(self, state: State, x: np.ndarray, motion: np.ndarray) -> bool:
-        """Tell whether motion explains much less of the energy than a state."""
-        most = WORSE[0] * remaining(self.records, state.motion) + WORSE[1]
-        return remaining(self.records, motion) >= most
+    def worsened(self, before: State, after: State) -> bool:
+        """Tell whether a state explains much less of the energy than the one before."""
+        most = WORSE[0] * remaining(self.records, before.motion) + WORSE[1]
+        return remaining(self.records, after.motion) >= most
 
     def reached(self, state: State, posterior: Posterior) -> None:
         """Note a state in the trace, and write what is known."""
@@ -472,17 +476,16 @@ class Fitter:
         """Enter why no further step could be taken."""
         self.left_out["what a further step would change"] = reason
 
-    def posterior(self, state: State, last: bool) -> Posterior:
+    def posterior(self, state: State) -> Posterior:
         """Return the posterior of all properties, then of amplitude and 1/Q, around a state."""
-        records, levels = self.compared, ALL_LEVELS if last else FEW_LEVELS
-        band = records.band
+        records, band = self.compared, self.compared.band
         around = Linearised(
             state.motion, state.slopes, tuple(each.kind for each in self.properties), self.aside,
             self.correction,
         )  # fmt: skip
         firings = [firings_of(blast, self.records.receivers) for blast in self.blasts]
         nuisances, lost = nuisances_of(around, firings, band, self.priors)
-        error = ErrorModel(record_blocks(records, state.motion), nuisances, levels)
+        error = ErrorModel(record_blocks(records, state.motion), nuisances, self.levels)
         slopes = band.project(state.slopes)
         residual = band.project(records.motion - state.motion)
         residual = residual + np.tensordot(state.x - self.coordinates.mean, slopes, 1)

@@ -14,7 +14,7 @@ from ..project.project import Project
 from ..project.uncertain_ground import factors_of
 from ..simulation.simulation import Simulation
 from .case import Case, case_of
-from .error import learned_error, noise_energy, usual_energy
+from .error import gained, learned_error, noise_energy, usual_energy
 from .thresholds import ENERGY_SHARE, WRONG_UNIT
 from .trusted_shots import learned
 
@@ -202,7 +202,7 @@ class _Calibration:
         """Return the motion at values."""
         return self.simulation.motion(self.project(x)) + self.correction
 
-    def posterior(self, state: State, last: bool) -> Posterior:
+    def posterior(self, state: State) -> Posterior:
         """Return the posterior of the values; where receivers stand is taken as known."""
         case, band = self.case, self.case.band
         slopes = state.slopes / self.sigma[:, None, None, None, None]
@@ -214,18 +214,15 @@ class _Calibration:
         residual = band.project(case.residual(state.motion)) + np.tensordot(state.x, rows, 1)
         return self.error.posterior(residual, rows, np.ones(len(rows)))
 
-    def worsened(self, state: State, x, motion) -> bool:
-        """Tell whether motion is less probable than that of a state, priors included."""
-        both = [self.case.residual(each) for each in (state.motion, motion)]
-        evidence = self.error.scores(self.case.band.project(np.array(both))).log_evidence
-        before, after = evidence - 0.5 * np.array([state.x @ state.x, x @ x])
-        return bool(after < before)
+    def worsened(self, before: State, after: State) -> bool:
+        """Tell whether a state is less probable than the one before, priors included."""
+        return gained(self.error, self.case, before, after) < 0.0
 
     def reached(self, state, posterior):
-        """Nothing is kept of a state on the way."""
+        """Keep nothing of a state on the way."""
 
     def ended(self, reason):
-        """A calibration ends where no step explains more."""
+        """Keep the state where no step explains more."""
 
 
 def _refuse_another_unit(case, reference, usual):

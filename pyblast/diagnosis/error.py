@@ -6,6 +6,7 @@ import numpy as np
 
 from ..inference.covariance import record_blocks
 from ..inference.error_model import ErrorModel, Levels
+from ..inference.fit import State
 from ..inference.nuisances import Linearised, Nuisances, moving_columns, nuisances_of
 from ..inference.parameter import STIFFNESS, Parameter, kind_of_key
 from ..project.places import firings_of
@@ -88,6 +89,14 @@ def learned_error(
     }
     own = moving_columns(parts, simulated.shape)
     return ErrorModel(record_blocks(case, motion), own + shared, LEVELS)
+
+
+def gained(error: ErrorModel, case: Case, before: State, after: State) -> float:
+    """Return the log of how much more probable a state is than another, priors included."""
+    both = np.array([case.residual(each.motion) for each in (before, after)])
+    evidence = error.scores(case.band.project(both)).log_evidence
+    first, second = evidence - 0.5 * np.array([each.x @ each.x for each in (before, after)])
+    return float(second - first)
 
 
 def with_calibrated(error: ErrorModel, columns: Sequence[np.ndarray]) -> ErrorModel:

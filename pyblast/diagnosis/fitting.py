@@ -9,6 +9,7 @@ import numpy as np
 from ..inference.error_model import ErrorModel, Posterior
 from ..inference.fit import Coordinates, State, descend
 from .effects import Effect, Scene
+from .error import gained
 
 DIFFERENCE = 0.1  # of a prior standard deviation, for derivatives
 LONGEST = 1.5  # prior standard deviations that a parameter of an effect may go in one round
@@ -162,7 +163,7 @@ class Fitter:
             refused = [at for at, changed in zip(asked, moved, strict=True) if changed is None]
             asked = [at for at in refused if not outside[at]]
 
-    def posterior(self, state: State, last: bool = True) -> Posterior:
+    def posterior(self, state: State) -> Posterior:
         """Return the posterior of the parameters, linear around a state."""
         case = self.scene.case
         values, effects = self.values_at(state.x)
@@ -172,16 +173,12 @@ class Fitter:
         residual = residual + np.tensordot(state.x, slopes, 1)
         return self.error.posterior(residual, slopes, self.coordinates.deviation)
 
-    def worsened(self, state: State, x: np.ndarray, motion: np.ndarray) -> bool:
-        """Tell whether motion is less probable than that of a state, priors included."""
-        case = self.scene.case
-        both = [case.residual(each) for each in (state.motion, motion)]
-        evidence = self.error.scores(case.band.project(np.array(both))).log_evidence
-        before, after = evidence - 0.5 * np.array([state.x @ state.x, x @ x])
-        return bool(after < before)
+    def worsened(self, before: State, after: State) -> bool:
+        """Tell whether a state is less probable than the one before, priors included."""
+        return gained(self.error, self.scene.case, before, after) < 0.0
 
     def reached(self, state: State, posterior: Posterior) -> None:
-        """Nothing is kept of a state on the way."""
+        """Keep nothing of a state on the way."""
 
     def ended(self, reason: str) -> None:
         """Keep why no further step could be taken."""

@@ -62,7 +62,7 @@ class Search:
     _beside: dict[int, tuple[Fit, dict]] = field(default_factory=dict, repr=False)
 
     def delta_ln_evidence(self, fit: Fit) -> float:
-        """Return the log Bayes factor of a fit over no effect, less ln(targets); (14.3)."""
+        """Return the log Bayes factor of a fit over no effect, less ln(targets); (14.1)."""
         penalty = sum(np.log(len(e.hypothesis.targets(self.scene.case))) for e in fit.effects)
         return fit.log_evidence - self.without_effects.log_evidence - penalty
 

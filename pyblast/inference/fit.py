@@ -1,4 +1,4 @@
-"""Fit of records: Gauss-Newton steps to the most probable coordinates, by Broyden's rule between."""
+"""Fit of records: Gauss-Newton steps to the most probable coordinates, Broyden's rule between."""
 
 from dataclasses import dataclass
 from typing import Protocol
@@ -90,15 +90,15 @@ class Target(Protocol):
         """Take the derivatives at a state anew."""
         ...
 
-    def posterior(self, state: State, last: bool) -> Posterior:
+    def posterior(self, state: State) -> Posterior:
         """Return the posterior of coordinates less prior means, linear around a state.
 
-        The first n columns are those of the coordinates. At last by all levels of the error.
+        The first n columns are those of the coordinates.
         """
         ...
 
-    def worsened(self, state: State, x: np.ndarray, motion: np.ndarray) -> bool:
-        """Tell whether motion at other coordinates explains the records less than a state."""
+    def worsened(self, before: State, after: State) -> bool:
+        """Tell whether a state explains the records less than the one before."""
         ...
 
     def reached(self, state: State, posterior: Posterior) -> None:
@@ -123,7 +123,7 @@ def step_of(target: Target, state: State, posterior: Posterior) -> tuple[np.ndar
     return move / max(1.0, float(np.max(np.abs(move) / at.longest, initial=0.0))), float(size)
 
 
-def descend(target: Target, state: State) -> Posterior:
+def descend(target: Target, state: State, steps: int | None = None) -> Posterior:
     """Take steps from a state until they are small, and return the posterior at the last.
 
     Parameters
@@ -131,20 +131,18 @@ def descend(target: Target, state: State) -> Posterior:
     target : Target
     state : State
         Moved to where the fit ends.
+    steps : int, optional
+        At most; `STEPS` by default.
 
     Notes
     -----
     theory.md (12.1), (12.2), (12.5). A step that explains less is shortened; derivatives are taken
     anew where one fails, and near the end of a long way.
     """
-    away, last, fresh = np.zeros_like(state.x), False, True
-    posterior = target.posterior(state, last)
-    for _ in range(STEPS):
+    away, fresh = np.zeros_like(state.x), True
+    posterior = target.posterior(state)
+    for _ in range(STEPS if steps is None else steps):
         move, size = step_of(target, state, posterior)
-        if size < ENOUGH and not last:
-            last = True
-            posterior = target.posterior(state, last)
-            move, size = step_of(target, state, posterior)
         if size < ENOUGH:
             break
         try:
@@ -164,9 +162,9 @@ def descend(target: Target, state: State) -> Posterior:
         except SolverError as error:
             target.ended(str(error))
             break
-        posterior = target.posterior(state, last)
+        posterior = target.posterior(state)
         target.reached(state, posterior)
-    return posterior if last else target.posterior(state, True)
+    return posterior
 
 
 def _advanced(target, state, move):
@@ -181,7 +179,7 @@ def _advanced(target, state, move):
             if share @ share > LONG**2:  # short ones would only spoil the derivatives
                 update = np.multiply.outer(share / longest / (share @ share), missed)
                 state.slopes = state.slopes + update
-            if not target.worsened(state, x, motion):
+            if not target.worsened(state, State(x, motion, state.slopes)):
                 state.x, state.motion = x, motion
                 return move
         move = 0.5 * move

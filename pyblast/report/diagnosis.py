@@ -451,7 +451,8 @@ def assumptions(diagnosis: Diagnosed, summary: dict) -> list[str]:
         "before the blasts.",
         f"Usual errors are noise, {100 * ENERGY_SHARE:g} % of the energy of each record, for "
         "coordinates, clocks and small heterogeneity, and "
-        f"{100 * MESH_SHARE:g} % of the energy that a finer mesh changes. Where nothing scores, the outcome is NULL only if the "
+        f"{100 * MESH_SHARE:g} % of the energy that a finer mesh changes. Where nothing scores, "
+        "the outcome is NULL only if the "
         f"energy that remains of every receiver and every blast is below {MATERIAL:g} times the "
         f"usual one, and no calibrated value lies beyond {FAR_OFF:g} prior deviations.",
         f"The ground is made of {case.project.meshed.reason}{finer}.",

@@ -321,5 +321,6 @@ def test_the_error_of_one_blast_is_that_of_its_records(shared):
     evidence = error.without(out).scores(residual[None]).log_evidence[0]
 
     size = residual[1].size
-    density = stats.multivariate_normal.logpdf(residual[1].ravel(), cov=of_all(error)[-size:, -size:])
+    own = of_all(error)[-size:, -size:]
+    density = stats.multivariate_normal.logpdf(residual[1].ravel(), cov=own)
     assert evidence == pytest.approx(density + 0.5 * size * np.log(2.0 * np.pi), rel=1e-9)

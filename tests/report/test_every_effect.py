@@ -15,13 +15,13 @@ from pyblast.diagnosis.decision import Decision
 from pyblast.diagnosis.effects import Effect, Scene
 from pyblast.diagnosis.error import usual_energy
 from pyblast.diagnosis.fitting import Fit
-from pyblast.inference.error_model import Posterior
-from pyblast.inference.fit import State
 from pyblast.diagnosis.forward import simulation_of
 from pyblast.diagnosis.hypotheses import LIBRARY
 from pyblast.diagnosis.library import geometry
 from pyblast.diagnosis.search import Search
 from pyblast.diagnosis.summary import diagnosis_lines, summarise_diagnosis
+from pyblast.inference.error_model import Posterior
+from pyblast.inference.fit import State
 from pyblast.project.uncertain_ground import factors_of
 from pyblast.report.diagnosis import (
     claims,
