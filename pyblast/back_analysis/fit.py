@@ -12,7 +12,7 @@ from .. import core
 from ..errors import InputError, PyblastError
 from ..inference.covariance import record_blocks
 from ..inference.error_model import NORMAL_95, ErrorModel, Levels, Posterior
-from ..inference.fit import ENOUGH, Coordinates, State, descend, step_of
+from ..inference.fit import ENOUGH, Coordinates, FitState, minimise, step_of
 from ..inference.nuisances import Linearised, nuisances_of
 from ..inference.parameter import (
     DENSITY,
@@ -201,7 +201,7 @@ def _of_programs(each):
 
 
 class Fitter:
-    """Fit of the waveforms of a survey, the target of `descend`; no run is repeated.
+    """Fit of the waveforms of a survey, a problem of `minimise`; no run is repeated.
 
     Parameters
     ----------
@@ -289,13 +289,13 @@ class Fitter:
             )
         start = self._first(np.zeros(len(self.properties)))
         low, high = self.records.band.low, self.records.band.high
-        first = self._descended(start.copy(), self.records)
+        first = self._minimised(start.copy(), self.records)
         if first.converged and first.remaining < HALF:
             return first
         try:
             state = start.copy()
-            self._descended(state, _in_band(self.records, (low, low + (high - low) / 3.0)))
-            second = self._descended(state, self.records)
+            self._minimised(state, _in_band(self.records, (low, low + (high - low) / 3.0)))
+            second = self._minimised(state, self.records)
         except (Spent, InputError):  # a band too narrow for the window
             return replace(first, starts=self.starts)
         better = second.posterior.log_evidence > first.posterior.log_evidence
@@ -391,7 +391,7 @@ class Fitter:
         better = others[0] if others else base
         self.correction = better - base
         self.change = np.zeros((len(self.properties), *base.shape))
-        state = State(x, base, np.zeros_like(self.change))
+        state = FitState(x, base, np.zeros_like(self.change))
         self.derive(state, base)
         speeds = [n for n, each in enumerate(self.properties) if each.kind == SPEED]
         speeds = speeds if self.has_better else []
@@ -418,7 +418,7 @@ class Fitter:
         other[n] += step if x[n] + step <= self.coordinates.high[n] else -step
         return other
 
-    def derive(self, state: State, base: np.ndarray | None = None) -> None:
+    def derive(self, state: FitState, base: np.ndarray | None = None) -> None:
         """Take the derivatives around a state anew, by its plain run if that is not given."""
         if base is None:
             base = self._run([_Trial("reference", state.x)])[0]
@@ -448,25 +448,25 @@ class Fitter:
             return np.zeros_like(base)
         return (motion - base) / each.step
 
-    def _descended(self, state, records) -> Fit:
+    def _minimised(self, state, records) -> Fit:
         """Fit records from a state, which moves to where this ends."""
         self.starts, self.compared = self.starts + 1, records
         self.levels = FEW_LEVELS
-        descend(self, state)
+        minimise(self, state)
         self.levels = ALL_LEVELS
-        return self._result(state, descend(self, state, LAST_STEPS))
+        return self._result(state, minimise(self, state, LAST_STEPS))
 
     def simulated(self, x: np.ndarray) -> np.ndarray:
         """Return the motion at coordinates (n,), by a run of each blast."""
         plain = self._run([_Trial("step", x)])[0]
         return plain + self.correction + np.tensordot(x, self.change, 1)
 
-    def worsened(self, before: State, after: State) -> bool:
+    def worsened(self, before: FitState, after: FitState) -> bool:
         """Tell whether a state explains much less of the energy than the one before."""
         most = WORSE[0] * remaining(self.records, before.motion) + WORSE[1]
         return remaining(self.records, after.motion) >= most
 
-    def reached(self, state: State, posterior: Posterior) -> None:
+    def reached(self, state: FitState, posterior: Posterior) -> None:
         """Note a state in the trace, and write what is known."""
         left_over = remaining(self.records, state.motion)
         self.trace.append({"coordinates": state.x.tolist(), "remaining": left_over})
@@ -476,7 +476,7 @@ class Fitter:
         """Enter why no further step could be taken."""
         self.left_out["what a further step would change"] = reason
 
-    def posterior(self, state: State) -> Posterior:
+    def posterior(self, state: FitState) -> Posterior:
         """Return the posterior of all properties, then of amplitude and 1/Q, around a state."""
         records, band = self.compared, self.compared.band
         around = Linearised(

@@ -8,7 +8,7 @@ from scipy import fft, ndimage
 
 from ..errors import InputError
 from ..inference.error_model import Posterior
-from ..inference.fit import Coordinates, State, descend
+from ..inference.fit import Coordinates, FitState, minimise
 from ..inference.parameter import Parameter, set_all
 from ..project.project import Project
 from ..project.uncertain_ground import factors_of
@@ -151,27 +151,27 @@ def calibrate(
 
     Notes
     -----
-    By `descend`, under an error that is learned. Derivatives are differences at the reference,
+    By `minimise`, under an error that is learned. Derivatives are differences at the reference,
     where the mesh correction is computed, too.
     """
     parameters = factors_of(case.project) if parameters is None else parameters
-    target = _Calibration(case, simulation, parameters)
-    start = target.begun()
+    problem = _Calibration(case, simulation, parameters)
+    start = problem.begun()
     reference = start.motion if finer is None else finer.motion(case.project)
-    target.correction = correction = reference - start.motion
+    problem.correction = correction = reference - start.motion
     _refuse_another_unit(case, reference, usual_energy(case))
     start.motion = reference
-    posterior = descend(target, start)
-    sigma, each = target.sigma, target.sigma[:, None, None, None, None]
+    posterior = minimise(problem, start)
+    sigma, each = problem.sigma, problem.sigma[:, None, None, None, None]
     return Baseline(
         case, parameters, sigma * start.x, sigma[:, None] * posterior.covariance * sigma,
-        target.project(start.x), start.motion, start.slopes / each, reference, correction,
+        problem.project(start.x), start.motion, start.slopes / each, reference, correction,
         usual_energy(case, correction),
     )  # fmt: skip
 
 
 class _Calibration:
-    """Calibration, a target of `descend`: values in standard deviations of their priors."""
+    """Calibration, a problem of `minimise`: values in standard deviations of their priors."""
 
     renews = False
 
@@ -193,7 +193,7 @@ class _Calibration:
         x = np.zeros(len(self.sigma))
         points = [x, *(STEP * np.eye(len(x)))]
         start, *moved = self.simulation.motions([self.project(at) for at in points])
-        return State(x, start, (np.array(moved).reshape(len(x), *start.shape) - start) / STEP)
+        return FitState(x, start, (np.array(moved).reshape(len(x), *start.shape) - start) / STEP)
 
     def derive(self, state):
         """Keep the derivatives, which each step updates: new ones cost as much as all steps."""
@@ -202,7 +202,7 @@ class _Calibration:
         """Return the motion at values."""
         return self.simulation.motion(self.project(x)) + self.correction
 
-    def posterior(self, state: State) -> Posterior:
+    def posterior(self, state: FitState) -> Posterior:
         """Return the posterior of the values; where receivers stand is taken as known."""
         case, band = self.case, self.case.band
         slopes = state.slopes / self.sigma[:, None, None, None, None]
@@ -214,7 +214,7 @@ class _Calibration:
         residual = band.project(case.residual(state.motion)) + np.tensordot(state.x, rows, 1)
         return self.error.posterior(residual, rows, np.ones(len(rows)))
 
-    def worsened(self, before: State, after: State) -> bool:
+    def worsened(self, before: FitState, after: FitState) -> bool:
         """Tell whether a state is less probable than the one before, priors included."""
         return gained(self.error, self.case, before, after) < 0.0
 

@@ -127,7 +127,7 @@ def cross_validate(scene: Scene, before: Fit, after: Fit) -> CrossValidation:
             variance = np.diag(second.posterior.covariance)[len(after.values) :]
             if detected or _is_constrained(variance, own):
                 gain = second.log_likelihood - first.log_likelihood
-                reduction = (one.variance_reduction for one in (first, second))
+                reduction = (each.variance_reduction for each in (first, second))
                 subsets.append(Subset(name, float(gain), *reduction))
     return CrossValidation(tuple(subsets))
 
@@ -186,11 +186,11 @@ class _Linear(NamedTuple):
         prior = np.ones(len(self.slopes))
         posterior = self.error.without(out).posterior(self.residual, self.slopes, prior)
         gained = self.log_evidence - posterior.log_evidence
-        left = self.residual - np.tensordot(posterior.mean, self.slopes, 1)
+        rest = self.residual - np.tensordot(posterior.mean, self.slopes, 1)
         recorded = self.scene.case.band.project(self.scene.case.residual(0.0))
         energy = np.sum(recorded[out] ** 2)
-        reduction = 1.0 - float(np.sum(left[out] ** 2) / energy) if energy > 0.0 else 0.0
-        others, motion = posterior.log_evidence, recorded - left
+        reduction = 1.0 - float(np.sum(rest[out] ** 2) / energy) if energy > 0.0 else 0.0
+        others, motion = posterior.log_evidence, recorded - rest
         return _Prediction(posterior, others, gained, reduction, motion)
 
 

@@ -149,12 +149,14 @@ def not_improved(scene: Scene, before: Fit, after: Fit) -> tuple[str, ...]:
     """
     case = scene.case
     charge = np.array([np.nansum(case.project.blasts[name].charge) for name in case.blasts])
-    left = [np.sum(fit.chi_square * scene.baseline.usual, axis=1) for fit in (before, after)]
+    remaining = [np.sum(fit.chi_square * scene.baseline.usual, axis=1) for fit in (before, after)]
     recorded = np.sum(case.band.project(case.residual(0.0)) ** 2, axis=(1, 2, 3))
     return tuple(
         f"blast {name}: {100.0 * more / whole:.1f} % of its energy remain, "
         f"{100.0 * less / whole:.1f} % without the effect"
-        for name, size, less, more, whole in zip(case.blasts, charge, *left, recorded, strict=True)
+        for name, size, less, more, whole in zip(
+            case.blasts, charge, *remaining, recorded, strict=True
+        )
         if size >= LARGE * charge.max() and more > less
     )  # fmt: skip
 
@@ -185,8 +187,8 @@ def explained_share(before, after) -> float:
 
     Records below one do not compensate for others.
     """
-    total, left = (float(np.sum(np.maximum(each - 1.0, 0.0))) for each in (before, after))
-    return (total - left) / total if total > 0.0 else 0.0
+    total, rest = (float(np.sum(np.maximum(each - 1.0, 0.0))) for each in (before, after))
+    return (total - rest) / total if total > 0.0 else 0.0
 
 
 def more_remains(chi_square, share) -> bool:

@@ -6,7 +6,7 @@ import numpy as np
 
 from ..inference.covariance import record_blocks
 from ..inference.error_model import ErrorModel, Levels
-from ..inference.fit import State
+from ..inference.fit import FitState
 from ..inference.nuisances import Linearised, Nuisances, moving_columns, nuisances_of
 from ..inference.parameter import STIFFNESS, Parameter, kind_of_key
 from ..project.places import firings_of
@@ -91,7 +91,7 @@ def learned_error(
     return ErrorModel(record_blocks(case, motion), own + shared, LEVELS)
 
 
-def gained(error: ErrorModel, case: Case, before: State, after: State) -> float:
+def gained(error: ErrorModel, case: Case, before: FitState, after: FitState) -> float:
     """Return the log of how much more probable a state is than another, priors included."""
     both = np.array([case.residual(each.motion) for each in (before, after)])
     evidence = error.scores(case.band.project(both)).log_evidence

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..inference.error_model import ErrorModel, Posterior
-from ..inference.fit import Coordinates, State, descend
+from ..inference.fit import Coordinates, FitState, minimise
 from .effects import Effect, Scene
 from .error import gained
 
@@ -18,7 +18,7 @@ LONGEST = 1.5  # prior standard deviations that a parameter of an effect may go 
 class Fitter:
     """Standardised parameters of a set of effects: those of the calibration, then of the effects.
 
-    A target of `descend`.
+    A problem of `minimise`.
 
     Parameters
     ----------
@@ -109,7 +109,7 @@ class Fitter:
         """Return the motion at parameters (n,), None where an effect is impossible or fails."""
         return self.motions([x])[0]
 
-    def begun(self, x: np.ndarray, known: np.ndarray | None = None) -> State | None:
+    def begun(self, x: np.ndarray, known: np.ndarray | None = None) -> FitState | None:
         """Return the state at parameters, None where an effect is impossible.
 
         Parameters
@@ -121,14 +121,14 @@ class Fitter:
         motion = self.simulated(x)
         if motion is None:
             return None
-        state = State(x, motion, np.zeros((len(x), *motion.shape)))
+        state = FitState(x, motion, np.zeros((len(x), *motion.shape)))
         n_known = 0 if known is None else len(known)
         if known is not None:
             state.slopes[:n_known] = known
         self._derive(state, np.arange(len(x)) >= n_known)
         return state
 
-    def derive(self, state: State) -> None:
+    def derive(self, state: FitState) -> None:
         """Take the derivatives by all parameters that move at a state anew."""
         self._derive(state, self.coordinates.moves)
 
@@ -163,7 +163,7 @@ class Fitter:
             refused = [at for at, changed in zip(asked, moved, strict=True) if changed is None]
             asked = [at for at in refused if not outside[at]]
 
-    def posterior(self, state: State) -> Posterior:
+    def posterior(self, state: FitState) -> Posterior:
         """Return the posterior of the parameters, linear around a state."""
         case = self.scene.case
         values, effects = self.values_at(state.x)
@@ -173,18 +173,18 @@ class Fitter:
         residual = residual + np.tensordot(state.x, slopes, 1)
         return self.error.posterior(residual, slopes, self.coordinates.deviation)
 
-    def worsened(self, before: State, after: State) -> bool:
+    def worsened(self, before: FitState, after: FitState) -> bool:
         """Tell whether a state is less probable than the one before, priors included."""
         return gained(self.error, self.scene.case, before, after) < 0.0
 
-    def reached(self, state: State, posterior: Posterior) -> None:
+    def reached(self, state: FitState, posterior: Posterior) -> None:
         """Keep nothing of a state on the way."""
 
     def ended(self, reason: str) -> None:
         """Keep why no further step could be taken."""
         self.reasons.append(reason)
 
-    def fit_at(self, state: State, posterior: Posterior) -> "Fit":
+    def fit_at(self, state: FitState, posterior: Posterior) -> "Fit":
         """Return the fit at a state."""
         values, effects = self.values_at(state.x)
         chi_square = self.scene.baseline.chi_square(state.motion)
@@ -199,7 +199,7 @@ class Fit:
     ----------
     effects : tuple of Effect
     values : (n_calibrated,) float64
-    state : State
+    state : FitState
         Standardised parameters, those of the calibration, then of the effects; motion there and
         its derivatives.
     posterior : Posterior
@@ -212,7 +212,7 @@ class Fit:
 
     effects: tuple[Effect, ...]
     values: np.ndarray
-    state: State
+    state: FitState
     posterior: Posterior
     chi_square: np.ndarray
     alternatives: tuple["Fit", ...] = ()
@@ -276,14 +276,14 @@ def fit(
         return None
     if base is not None and not fitter.by_runs[len(base.state.x) :].any() and not fitter.renews:
         with fitter.without_runs():
-            descend(fitter, state)
-    posterior = descend(fitter, state)
+            minimise(fitter, state)
+    posterior = minimise(fitter, state)
     if not fitter.renews:  # the calibrated values have moved along slopes alone
         fitter.reference = fitter.values_at(state.x)[0]
         motion = fitter.simulated(state.x)
         if motion is not None:
             state.motion = motion
-            posterior = descend(fitter, state)
+            posterior = minimise(fitter, state)
     return fitter.fit_at(state, posterior)
 
 
@@ -315,5 +315,5 @@ def corrected(scene: Scene, fit: Fit, shift) -> Fit:
     motion = fitter.simulated(state.x)
     assert motion is not None  # it was fitted
     state.motion = motion
-    moved = fitter.fit_at(state, descend(fitter, state))
+    moved = fitter.fit_at(state, minimise(fitter, state))
     return replace(moved, alternatives=fit.alternatives)

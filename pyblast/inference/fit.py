@@ -48,7 +48,7 @@ class Coordinates:
 
 
 @dataclass(eq=False)
-class State:
+class FitState:
     """State of a fit.
 
     Parameters
@@ -65,13 +65,13 @@ class State:
     motion: np.ndarray
     slopes: np.ndarray
 
-    def copy(self) -> "State":
+    def copy(self) -> "FitState":
         """Return a copy, from which another fit may begin."""
-        return State(self.x.copy(), self.motion.copy(), self.slopes.copy())
+        return FitState(self.x.copy(), self.motion.copy(), self.slopes.copy())
 
 
-class Target(Protocol):
-    """Target of a fit: how motion follows from coordinates, and what records tell of them."""
+class FitProblem(Protocol):
+    """Problem of a fit: how motion follows from coordinates, and what records tell of them."""
 
     coordinates: Coordinates
     renews: bool  # whether derivatives cost no run, and are taken anew after each step
@@ -86,22 +86,22 @@ class Target(Protocol):
         """
         ...
 
-    def derive(self, state: State) -> None:
+    def derive(self, state: FitState) -> None:
         """Take the derivatives at a state anew."""
         ...
 
-    def posterior(self, state: State) -> Posterior:
+    def posterior(self, state: FitState) -> Posterior:
         """Return the posterior of coordinates less prior means, linear around a state.
 
         The first n columns are those of the coordinates.
         """
         ...
 
-    def worsened(self, before: State, after: State) -> bool:
+    def worsened(self, before: FitState, after: FitState) -> bool:
         """Tell whether a state explains the records less than the one before."""
         ...
 
-    def reached(self, state: State, posterior: Posterior) -> None:
+    def reached(self, state: FitState, posterior: Posterior) -> None:
         """Note a state that a step has reached."""
         ...
 
@@ -110,12 +110,12 @@ class Target(Protocol):
         ...
 
 
-def step_of(target: Target, state: State, posterior: Posterior) -> tuple[np.ndarray, float]:
+def step_of(problem: FitProblem, state: FitState, posterior: Posterior) -> tuple[np.ndarray, float]:
     """Return the step to the posterior mean, (n,), and its size in posterior deviations.
 
     It stays within the ranges, and no coordinate goes further than its longest step.
     """
-    at, n = target.coordinates, len(state.x)
+    at, n = problem.coordinates, len(state.x)
     wanted = np.clip(at.mean + posterior.mean[:n], at.low, at.high)
     move = np.where(at.moves, wanted - state.x, 0.0)
     deviation = np.hypot(posterior.deviation[:n], at.blur)
@@ -123,13 +123,13 @@ def step_of(target: Target, state: State, posterior: Posterior) -> tuple[np.ndar
     return move / max(1.0, float(np.max(np.abs(move) / at.longest, initial=0.0))), float(size)
 
 
-def descend(target: Target, state: State, steps: int | None = None) -> Posterior:
+def minimise(problem: FitProblem, state: FitState, steps: int | None = None) -> Posterior:
     """Take steps from a state until they are small, and return the posterior at the last.
 
     Parameters
     ----------
-    target : Target
-    state : State
+    problem : FitProblem
+    state : FitState
         Moved to where the fit ends.
     steps : int, optional
         At most; `STEPS` by default.
@@ -140,46 +140,46 @@ def descend(target: Target, state: State, steps: int | None = None) -> Posterior
     anew where one fails, and near the end of a long way.
     """
     away, fresh = np.zeros_like(state.x), True
-    posterior = target.posterior(state)
+    posterior = problem.posterior(state)
     for _ in range(STEPS if steps is None else steps):
-        move, size = step_of(target, state, posterior)
+        move, size = step_of(problem, state, posterior)
         if size < ENOUGH:
             break
         try:
-            if size < NEAR and np.any(np.abs(away) > BEYOND * target.coordinates.longest):
-                target.derive(state)
+            if size < NEAR and np.any(np.abs(away) > BEYOND * problem.coordinates.longest):
+                problem.derive(state)
                 away[:], fresh = 0.0, True
             else:
-                moved = _advanced(target, state, move)
+                moved = _advanced(problem, state, move)
                 if moved is None and fresh:
-                    target.ended("no shorter step explains more")
+                    problem.ended("no shorter step explains more")
                     break
-                away, fresh = (away, True) if moved is None else (away + moved, target.renews)
+                away, fresh = (away, True) if moved is None else (away + moved, problem.renews)
                 if fresh:
-                    target.derive(state)
+                    problem.derive(state)
         except Spent:
             break
         except SolverError as error:
-            target.ended(str(error))
+            problem.ended(str(error))
             break
-        posterior = target.posterior(state)
-        target.reached(state, posterior)
+        posterior = problem.posterior(state)
+        problem.reached(state, posterior)
     return posterior
 
 
-def _advanced(target, state, move):
+def _advanced(problem, state, move):
     """Run at a step, shortened where less is explained; return the one taken, None if none is."""
-    longest = target.coordinates.longest
+    longest = problem.coordinates.longest
     for _ in range(1 + HALVINGS):
         x = state.x + move
-        motion = target.simulated(x)
+        motion = problem.simulated(x)
         if motion is not None:
             missed = motion - state.motion - np.tensordot(move, state.slopes, 1)
             share = move / longest
             if share @ share > LONG**2:  # short ones would only spoil the derivatives
                 update = np.multiply.outer(share / longest / (share @ share), missed)
                 state.slopes = state.slopes + update
-            if not target.worsened(state, State(x, motion, state.slopes)):
+            if not problem.worsened(state, FitState(x, motion, state.slopes)):
                 state.x, state.motion = x, motion
                 return move
         move = 0.5 * move

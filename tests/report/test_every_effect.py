@@ -21,7 +21,7 @@ from pyblast.diagnosis.library import geometry
 from pyblast.diagnosis.search import Search
 from pyblast.diagnosis.summary import diagnosis_lines, summarise_diagnosis
 from pyblast.inference.error_model import Posterior
-from pyblast.inference.fit import State
+from pyblast.inference.fit import FitState
 from pyblast.project.uncertain_ground import factors_of
 from pyblast.report.diagnosis import (
     claims,
@@ -82,7 +82,7 @@ def fitted(scene, *effects):
         for value in values
     ]
     x = np.array([0.0] * n + x)
-    own, size = State(x, motion, np.zeros((len(x), *motion.shape))), np.ones(len(x))
+    own, size = FitState(x, motion, np.zeros((len(x), *motion.shape))), np.ones(len(x))
     posterior = Posterior(
         x, np.diag(size), size, 0.01, 20.0 * bool(effects), {}, np.zeros(motion.shape[:2]),
         np.array([[0.01, 0.0], [0.1, -1.0]]),
