@@ -14,6 +14,7 @@ from ..errors import InputError, contained
 from ..ground.tables import quality_of
 from ..inference.error_model import ErrorModel
 from ..inference.parameter import Parameter, set_all
+from ..project.places import NEAR, resolved_receivers
 from ..project.project import Project
 from ..project.uncertain_ground import factors_of
 from ..simulation.simulation import Simulation
@@ -476,6 +477,25 @@ def predict(
     simulation = simulation_of(further, folder, finer=True)
     scene = PredictionScene(simulation, further, project)
     return with_motion_effects(scene, simulation.motion(project), effects)[0]
+
+
+def at_further(case: Case, blast: Blast) -> Case:
+    """Return a case with the receivers at which a further blast is predicted.
+
+    They are those of the case and those that it leaves out near its own holes, where they stand
+    far enough from those of the further blast. Gains and sources that records show are theirs.
+    """
+    table = case.project.config.diagnosis
+    shown = table is not None and (table.source_s is not None or table.trigger_s is not None)
+    near = [name for name, reason in case.unused.items() if reason == NEAR]
+    if not near or shown or case.gain is not None:
+        return case
+    far = resolved_receivers(
+        with_blast(case.project, FURTHER, blast), (*case.receivers, *near), injected=False
+    )
+    chosen = {*case.receivers, *far}
+    names = tuple(r.name for r in case.project.stations if r.name in chosen)
+    return replace(case, receivers=names)
 
 
 def with_blast(project: Project, name: str, blast: Blast) -> Project:

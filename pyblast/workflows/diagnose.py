@@ -17,7 +17,7 @@ from ..blasts.hole_tables import read_blast
 from ..diagnosis.calibration import calibrate, taught
 from ..diagnosis.case import Case, case_of
 from ..diagnosis.decision import FINER_MESH, Decision, beside_held_out, decide, undecided
-from ..diagnosis.effects import HOLES, Scene, effects_of, predict
+from ..diagnosis.effects import HOLES, Scene, at_further, effects_of, predict
 from ..diagnosis.fitting import fit_calibrated
 from ..diagnosis.forward import hole_motion, simulation_of
 from ..diagnosis.mistakes import mistakes_of
@@ -345,6 +345,7 @@ def predict_file(file, output, summary, holes, path, baseline=False, runs=None):
     """
     case, model = case_of(read_case(file)), summary["model"]
     blast = _further(case, holes)
+    case = at_further(case, blast)
     values = model["baseline_values"] if baseline else model["values"]
     effects = () if baseline else effects_of(model)
     motion = predict(case, blast, values, effects, runs or Path(output) / RUNS)
