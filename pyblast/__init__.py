@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from .recordings.recording import read_recording
     from .recordings.recording import read_gather
     from .workflows.records import analyse_records
+    from .workflows.site import learn_site
 
     # Blasts
     from .blasts.blast import Blast
@@ -65,6 +66,7 @@ __all__ = [
     "InputError", "PyblastError",
     # Motion and records
     "Seismogram", "compare", "plot", "read_recording", "read_gather", "analyse_records",
+    "learn_site",
     # Blasts
     "Blast", "read_blast", "superpose", "fit_site_law", "plausible_ppv",
     # Mesh

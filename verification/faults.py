@@ -1,17 +1,20 @@
-"""Signals at random moments of commands on a small project: the same answer after going on.
+"""Machines that fail at random moments of commands: one sentence, and the same answer afterwards.
 
     python -m verification.faults [COUNT] [--seed N] [--again] [--minutes N]
 
 Makes a project of one box with a fault, three holes and three records, and runs ``run``,
 ``backanalyse``, ``diagnose`` and ``delays`` on it to the end: their answers are the reference. Then
-each is ended by SIGTERM or SIGKILL at random moments and started again with the same words. The
-second command must end well, its answer must hold the bits of the reference, and two seconds after
-the signal no process of the first may run. Writes the rows that ``verification/faults.json``
-lacks; COUNT 5 of each command, seed 2026, 25 minutes unless given otherwise.
+each is disturbed at random moments and started again with the same words: ended by SIGTERM, SIGINT
+or SIGKILL; its folder of results removed; files limited in size, as on a full disk; names and a
+terminal that know ASCII alone. The second command must end well, its answer must hold the bits of
+the reference, and two seconds after a signal no process of the first may run; what no signal ends
+goes on, or ends by one sentence. Writes the rows that ``verification/faults.json`` lacks; COUNT 6
+of each command, seed 2026, 25 minutes unless given otherwise.
 """
 
 import json
 import os
+import resource
 import signal
 import subprocess
 import sys
@@ -21,19 +24,21 @@ from collections.abc import Iterator
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
-from shutil import copytree
+from shutil import copytree, rmtree
 
 import numpy as np
 
 from pyblast.project.project import load_project
 from pyblast.project.result import read_result, write_csv
 
-from .rows import each_row, options
+from .rows import draws, each_row
 
 OUT = Path(__file__).with_suffix(".json")
-SEED, COUNT, MINUTES = 2026, 5, 25.0
-SIGNALS = ("SIGTERM", "SIGKILL")
+SEED, COUNT, MINUTES = 2026, 6, 25.0
+SIGNALS = ("SIGTERM", "SIGKILL", "SIGINT")
+FAULTS = (*SIGNALS, "removed", "full", "ascii")
 PATIENCE = 2.0  # seconds after which no process of an ended command may run
+POOR = {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
 NOISE = 2e-5  # m/s of a sample of the records
 RATE, BEFORE, LENGTH = 256, 0.3, 0.7  # samples a second; seconds
 GROUND = """
@@ -76,9 +81,11 @@ position_m = [14, 10, 30]
 material = "rock"
 charge_kg = 50
 radius_m = 0.5
-peak_mm_per_s = 40
-distance_m = 30
+pressure_mpa = 100
 peak_time_ms = 40
+"""
+KNOWN = "peak_mm_per_s = 40\ndistance_m = 30"  # the level, as measured
+RUN = """
 [run]
 duration_s = 0.4
 compare_band_hz = [3, 20]
@@ -119,7 +126,7 @@ band_hz = [3, 20]
 name = "R2"
 limit_mm_per_s = 5
 """
-# Words of each command, folder and file of its answer, and what its project has beside the ground.
+# Words of each command, folder and file of its answer, what its project has beside the ground.
 COMMANDS = {
     "run": (["--accept-findings"], "results", "result.h5", ""),
     "backanalyse": (["--workers", "2"], "back_analysis", "back_analysis.json", SEARCH),
@@ -130,17 +137,11 @@ COMMANDS = {
 PASSING = {"wall_s", "wall_seconds", "seconds", "kept_s", "kept_runs", "runs", "finished", "load"}
 
 
-def text_of(command: str) -> str:
-    """Return the project file of a command; records stand beside all but delays."""
-    recorded = RECORDED if command in ("run", "backanalyse", "diagnose") else ""
-    parts = (
-        RECEIVER.format(name=n, at=at) + recorded.format(name=n) for n, at in RECEIVERS.items()
-    )
-    return (
-        "".join([GROUND, *parts, COMMANDS[command][3]])
-        if command in COMMANDS
-        else "".join([GROUND, *(RECEIVER.format(name=n, at=at) for n, at in RECEIVERS.items())])
-    )
+def text_of(further: str, recorded: str = RECORDED) -> str:
+    """Return a project file: ground, receivers with their records, and further tables."""
+    parts = (RECEIVER + recorded).format
+    ground = GROUND.replace("pressure_mpa = 100", KNOWN).replace("Three", "Größe ↑, drei") + RUN
+    return "".join([ground, *(parts(name=name, at=at) for name, at in RECEIVERS.items()), further])
 
 
 @cache
@@ -148,7 +149,7 @@ def records() -> Path:
     """Write the records, which the ground itself made, with noise; return their folder."""
     folder, rng = Path(tempfile.mkdtemp(prefix="faults-")), np.random.default_rng(SEED)
     path = folder / "made.toml"
-    path.write_text(text_of(""), encoding="utf-8")
+    path.write_text(text_of("", ""), encoding="utf-8")
     for name, motion in load_project(path).simulate().seismograms.items():
         motion = motion.sampled(-BEFORE, 1.0 / RATE, int(RATE * LENGTH))
         noise = NOISE * rng.normal(size=motion.velocity.shape)
@@ -171,16 +172,24 @@ def reference(command: str) -> tuple[object, float]:
 def project_in(folder: Path, command: str) -> Path:
     """Write the project of a command and its records into a folder."""
     copytree(records(), folder, dirs_exist_ok=True)
-    (folder / "project.toml").write_text(text_of(command), encoding="utf-8")
+    (folder / "project.toml").write_text(text_of(COMMANDS[command][3]), encoding="utf-8")
     return folder
 
 
-def begin(folder: Path, command: str) -> subprocess.Popen:
+def begin(folder: Path, command: str, fault: str = "", share: float = 1.0) -> subprocess.Popen:
     """Start a command in a session of its own; what it says goes into ``said.txt``."""
     words = [sys.executable, "-m", "pyblast", command, "project.toml", *COMMANDS[command][0]]
+    room = int(10.0 ** (3.0 + 3.0 * share))  # bytes of a file, where the disk is full
+
+    def start() -> None:
+        signal.signal(signal.SIGINT, signal.SIG_IGN)  # as a shell starts jobs in the background
+        if fault == "full":
+            resource.setrlimit(resource.RLIMIT_FSIZE, (room, room))
+
     with (folder / "said.txt").open("w") as said:
         return subprocess.Popen(words, cwd=folder, stdout=said, stderr=said, text=True,
-                                start_new_session=True)  # fmt: skip
+                                start_new_session=True, preexec_fn=start,
+                                env=os.environ | (POOR if fault == "ascii" else {}))  # fmt: skip
 
 
 def answer(folder: Path, command: str) -> object:
@@ -212,47 +221,64 @@ def running(session: int) -> Iterator[int]:
             yield int(stat.parent.name)
 
 
-def row(name: str) -> dict:
-    """End a command by a signal at a moment, start it again, and compare its answer."""
-    command, fault, number, seed = name.split()
-    expected, whole = reference(command)
-    share = np.random.default_rng([int(seed), int(number), len(command), len(fault)]).random()
+def share_of(command: str, number: int, seed: int) -> float:
+    """Return the moment of a signal, over the seconds of a command."""
+    return float(np.random.default_rng([seed, number, *command.encode()]).random())
+
+
+def disturb(command: str, fault: str, share: float, whole: float) -> dict:
+    """Disturb a command at a moment, start it again, and compare its answer."""
+    expected, out = reference(command)[0], COMMANDS[command][1]
     with tempfile.TemporaryDirectory() as made:
         folder = project_in(Path(made), command)
-        first = begin(folder, command)
-        time.sleep(share * whole)
-        first.send_signal(getattr(signal, fault))
-        first.wait()
-        ends = time.monotonic() + PATIENCE
-        while (left := list(running(first.pid))) and time.monotonic() < ends:
-            time.sleep(0.05)
+        first, left = begin(folder, command, fault, share), []
+        if fault in SIGNALS:
+            time.sleep(share * whole)
+            first.send_signal(getattr(signal, fault))
+            sent = time.monotonic()
+            while (left := list(running(first.pid))) and time.monotonic() < sent + PATIENCE:
+                time.sleep(0.05)
+        elif fault == "removed":
+            time.sleep(share * whole)
+            rmtree(folder / out, ignore_errors=True)
+        code = first.wait()
         told = (folder / "said.txt").read_text().splitlines()
-        code = begin(folder, command).wait()
+        then = begin(folder, command).wait()
         said = (folder / "said.txt").read_text()
-        same = code == 0 and answer(folder, command) == expected
+        same = "the same" if then == 0 and answer(folder, command) == expected else "another"
     for process in left:
         os.kill(process, signal.SIGKILL)
+    told = [line for line in told if line.startswith(("pyblast: ", "Traceback"))]
     return {
-        "command": f"pyblast {command}", "fault": fault, "moment": round(share, 3),
-        "of_s": round(whole, 1), "code": first.returncode, "told": (told or [""])[-1],
-        "still_running": len(left), "goes_on": "goes on with" in said, "then": code,
-        "result": "the same" if same else "another",
+        "code": code, "told": (told or [""])[-1], "still_running": len(left),
+        "goes_on": "goes on with" in said, "then": then, "result": same,
     }  # fmt: skip
+
+
+def row(name: str) -> dict:
+    """Return the row of a name: command, fault, number of the moment, and seed."""
+    command, fault, number, seed = name.split()
+    share, whole = share_of(command, int(number), int(seed)), reference(command)[1]
+    found = disturb(command, fault, share, whole)
+    return {"command": f"pyblast {command}", "fault": fault, "moment": round(share, 3),
+            "of_s": round(whole, 1), **found}  # fmt: skip
+
+
+def is_bad(row: dict) -> bool:
+    """Tell whether a command left processes or another answer, or ended without a sentence."""
+    ends = {"removed": (0, 2), "full": (0, 2), "ascii": (0,)}.get(row["fault"], (row["code"],))
+    silent = row["code"] == 2 and not row["told"].startswith("pyblast: ")
+    broken = row["code"] not in ends or "Traceback" in row["told"]
+    return row["result"] != "the same" or row["still_running"] > 0 or silent or broken
 
 
 def main(arguments: list[str]) -> int:
     """Compute the rows that the file lacks; return 1 if one of them all is no good."""
-    others, found = options(arguments)
-    seed = SEED
-    if "--seed" in others:
-        at = others.index("--seed")
-        seed = int(others[at + 1])
-        del others[at : at + 2]
-    count, minutes = int(others[0]) if others else COUNT, found.pop("minutes", MINUTES)
-    names = [f"{c} {SIGNALS[n % 2]} {n} {seed}" for n in range(count) for c in COMMANDS]
-    rows = each_row(OUT, names, row, minutes, **found)
-    bad = [n for n, r in rows.items() if r["result"] != "the same" or r["still_running"]]
-    print(f"faults: {len(rows)} moments, {len(bad)} of them with another answer or processes left")
+    seed, count, limits = draws(arguments, SEED, COUNT, MINUTES)
+    names = [f"{c} {FAULTS[n % len(FAULTS)]} {n} {seed}" for c in COMMANDS for n in range(count)]
+    rows = each_row(OUT, names, row, **limits)
+    bad = [name for name, found in rows.items() if is_bad(found)]
+    print(f"faults: {len(rows)} moments, no good: {', '.join(bad) or 'none'}")
     return 1 if bad else 0
 
 

@@ -1,4 +1,4 @@
-"""Damage model files at random and see that pyblast-run refuses them in one sentence.
+"""Model files damaged at random, and project files by grammar: refused in one sentence, or whole.
 
     python -m verification.fuzz [COUNT] [--seed N] [--again] [--minutes N]
 
@@ -6,9 +6,10 @@ Half of the files have bytes changed, cut or overwritten, half have values, leng
 their arrays changed. The program may run a file whose damage leaves a model (exit code 0, or 1 if
 its energy grows): one whose numbers are finite, with no negative mass, area or modulus, and whose
 result is finite. All others it must refuse with exit code 2 and one sentence, never by a signal.
-Writes the rows that ``verification/fuzz.json`` lacks, one for each fifty files with the counts of
-outcomes; COUNT 2000, seed 2026, 25 minutes unless given otherwise. Files that broke the program are
-kept in ``build/fuzz``.
+Of project files a quarter as many are drawn by `verification.grammar`. Writes the rows that
+``verification/fuzz.json`` lacks, one for each fifty files with the counts of outcomes; COUNT 2000,
+seed 2026, 25 minutes unless given otherwise. Files that broke the program are kept in
+``build/fuzz``.
 """
 
 import os
@@ -35,9 +36,10 @@ from pyblast.model.model import Model, Receiver
 from pyblast.model.source import PointForce, TimeFunction
 from pyblast.signals.seismogram import Seismogram
 from pyblast.solver.preparation import export, prepare
+from verification import grammar
 from verification.columns import ROCK
 from verification.contact import properties
-from verification.rows import each_row, options
+from verification.rows import draws, each_row
 from verification.zone import MATERIALS
 
 OUT = Path(__file__).with_suffix(".json")
@@ -50,6 +52,7 @@ SECONDS = 20  # that a run may take
 MEMORY = 4 << 30  # bytes that it may take
 SIDES = ("west", "east", "south", "north", "bottom")
 OUTCOMES = {0: "run", 1: "stopped", 2: "refused"}  # by exit code
+COUNTED = {"files", "fault", *OUTCOMES.values(), *grammar.OUTCOMES.values()}
 # What no model has, beside numbers that are not finite; only strengths of joints may be endless.
 NEVER_NEGATIVE = "node_mass", "contact_area", "layer_mass", "zone_shear", "patch_bulk", "set_beta"
 ENDLESS = "joint_property"
@@ -231,43 +234,46 @@ def wholes(folder):
     return paths
 
 
-def fuzz(first, count, seed, folder):
-    """Damage files and run them; return a row: how often each outcome came, and the faults."""
+def model(number, seed, folder):
+    """Damage a model file and run it; return its outcome, and the fault if there is one."""
+    path, rng = folder / "damaged.model", np.random.default_rng([seed, number])
+    done = damaged(wholes(folder)[number % 3], path, rng)
+    fault, code = fault_of(path)
+    if not fault:
+        return OUTCOMES[code], ""
+    shutil.copy(path, folder / f"fault-{seed}-{number}.h5")
+    return "fault", f"{number} ({done}) {fault}"
+
+
+KINDS = {"project file": (grammar.fuzz, 4), "model file": (model, 1)}  # and 1 in how many
+
+
+def fuzz(kind, first, count, seed, folder):
+    """Try files of a kind; return a row: how often each outcome came, and the faults."""
     outcomes, faults = Counter(), []
     for number in range(first, first + count):
-        path, rng = folder / "damaged.model", np.random.default_rng([seed, number])
-        done = damaged(wholes(folder)[number % 3], path, rng)
-        fault, code = fault_of(path)
-        outcomes["fault" if fault else OUTCOMES[code]] += 1
+        outcome, fault = KINDS[kind][0](number, seed, folder)
+        outcomes[outcome] += 1
         if fault:
-            shutil.copy(path, folder / f"fault-{seed}-{number}.h5")
-            faults.append(f"{number} ({done}) {fault}")
-            print(f"fuzz: {faults[-1]}", flush=True)
+            faults.append(fault)
+            print(f"fuzz: {fault}", flush=True)
     return {"seed": seed, "files": count, **dict(sorted(outcomes.items())), "faults": faults}
 
 
 def main(arguments):
-    """Damage the files whose rows are missing; return 1 if one of them all broke the program."""
-    others, found = options(arguments)
-    seed = SEED
-    if "--seed" in others:
-        at = others.index("--seed")
-        seed = int(others[at + 1])
-        del others[at : at + 2]
-    count, minutes = int(others[0]) if others else COUNT, found.pop("minutes", MINUTES)
-    # Further kinds of files get rows of names of their own.
-    jobs = {f"model file {n:05}, seed {seed}": n for n in range(0, count, PIECE)}
-
-    def job(name):
-        first = jobs[name]
-        return fuzz(first, min(PIECE, count - first), seed, FOLDER)
-
-    rows = each_row(OUT, jobs, job, minutes, **found)
-    told = Counter()
-    for row in (row for name, row in rows.items() if name in jobs):
-        told.update({key: row.get(key, 0) for key in ("files", *OUTCOMES.values(), "fault")})
-    print(f"fuzz: seed {seed}: {', '.join(f'{n} {key}' for key, n in told.items())}")
-    return 1 if told["fault"] else 0
+    """Try the files whose rows are missing; return 1 if one of them all broke the program."""
+    seed, count, limits = draws(arguments, SEED, COUNT, MINUTES)
+    jobs = {
+        f"{kind} {first:05}, seed {seed}": (kind, first, min(PIECE, count // share - first))
+        for kind, (_, share) in KINDS.items() for first in range(0, count // share, PIECE)
+    }  # fmt: skip
+    rows = each_row(OUT, jobs, lambda name: fuzz(*jobs[name], seed, FOLDER), **limits)
+    for kind in KINDS:
+        told = Counter()
+        for row in (rows[name] for name in jobs if name in rows and jobs[name][0] == kind):
+            told.update({key: n for key, n in row.items() if key in COUNTED})
+        print(f"fuzz: {kind}s, seed {seed}: {', '.join(f'{n} {key}' for key, n in told.items())}")
+    return 1 if any(row.get("fault") for row in rows.values()) else 0
 
 
 if __name__ == "__main__":

@@ -28,7 +28,7 @@ from pyblast.project.result import write_text
 from pyblast.solver.injection import near_receivers
 from pyblast.solver.run import simulate
 
-from .rows import each_row, options, read_rows
+from .rows import draws, each_row, read_rows
 
 OUT = Path(__file__).with_suffix(".json")
 PAGE = OUT.parents[1] / "docs" / "quality" / "verification.md"
@@ -553,13 +553,7 @@ def paged(page: str, found: dict) -> str:
 
 def main(arguments: list[str]) -> None:
     """Compute the rows that the file lacks."""
-    others, found = options(arguments)
-    seed = SEED
-    if "--seed" in others:
-        at = others.index("--seed")
-        seed = int(others[at + 1])
-        del others[at : at + 2]
-    count, minutes = int(others[0]) if others else COUNT, found.pop("minutes", MINUTES)
+    seed, count, limits = draws(arguments, SEED, COUNT, MINUTES)
     print(f"ground: {count} projects of seed {seed}", flush=True)
     jobs: dict[str, tuple] = {f"project {n:03}": (geometry_row, n) for n in range(count)}
     jobs |= {f"pair {n:03}": (pair_row, n) for n in range(min(count, PAIRS))}
@@ -569,7 +563,7 @@ def main(arguments: list[str]) -> None:
         make, *rest = jobs[name]
         return make(seed, *rest)
 
-    each_row(OUT, jobs, job, minutes, **found)
+    each_row(OUT, jobs, job, **limits)
     rows = {name: row for name, row in read_rows(OUT).items() if name in jobs}
     each_row(OUT, ["summary"], lambda _: summary(seed, rows), again=True)
     write_text(PAGE, paged(PAGE.read_text(), read_rows(OUT)["summary"]))

@@ -98,6 +98,29 @@ def options(arguments: list[str]) -> tuple[list[str], dict[str, Any]]:
     return others, found
 
 
+def draws(
+    arguments: list[str], seed: int, count: int, minutes: float
+) -> tuple[int, int, dict[str, Any]]:
+    """Take ``[COUNT] [--seed N] [--again] [--minutes N]`` of a study that draws what it computes.
+
+    Parameters
+    ----------
+    arguments : list of str
+    seed, count, minutes : where the arguments give none
+
+    Returns
+    -------
+    seed, count : int
+    limits : dict
+        For `each_row`.
+    """
+    others, limits = options(arguments)
+    numbers = [int(word) for word in others if word != "--seed"]
+    if "--seed" in others:
+        seed = numbers.pop(others.index("--seed"))
+    return seed, numbers[0] if numbers else count, {"minutes": minutes} | limits
+
+
 @cache
 def program() -> str:
     """Return a digest of the source of the program: Python, its tables and Fortran."""

@@ -4,7 +4,7 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from types import MappingProxyType
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -121,36 +121,61 @@ def assess(
     >>> row.quantity, round(row.frequency, 1), round(1e3 * row.limit, 2), round(row.share, 2)
     ('east', 10.0, 5.0, 0.74)
     """
+    peaks = ComponentPeaks(
+        motion.components, motion.ppv, zero_crossing_frequency(motion).hz, motion.pvs
+    )
+    name = motion.label if receiver is None else receiver
+    return assess_peaks(peaks, key, name, kind, window=window, error=error)
+
+
+class ComponentPeaks(NamedTuple):
+    """ComponentPeaks of a motion: components, m/s, frequencies in Hz, and the vector sum in m/s."""
+
+    components: Sequence[str]
+    ppv: Sequence[float] | np.ndarray
+    hz: Sequence[float] | np.ndarray
+    pvs: float
+
+
+def assess_peaks(
+    peaks: ComponentPeaks,
+    key: str,
+    receiver: str,
+    kind: str,
+    *,
+    window: tuple[float, float] | None = None,
+    error: tuple[PeakDistribution, str] | None = None,
+) -> Assessment | None:
+    """Compare peaks whose motion need not be at hand with a limit curve, as `assess`."""
     curve = load_limits()[key]
     distance, charge = window or (math.nan, math.nan)
     above = math.nan if error is None else float(error[0].level(LEVEL))
     rows = [
         Assessment(
-            motion.label if receiver is None else receiver, kind, key, name, size, hz,
-            limit_at(curve, hz), motion.pvs, distance, charge, above * size,
-            "" if error is None else error[1],
+            receiver, kind, key, name, size, hz, limit_at(curve, hz), float(peaks.pvs), distance,
+            charge, above * size, "" if error is None else error[1],
         )
-        for name, size, hz in peaks_under(motion, curve.quantity)
+        for name, size, hz in peaks_under(peaks, curve.quantity)
         if size > 0.0
     ]  # fmt: skip
     known = [row for row in rows if not math.isnan(row.limit)]
     return max(known or rows, key=lambda row: row.share if known else row.peak, default=None)
 
 
-def peaks_under(motion: Seismogram, quantity: str) -> list[tuple[str, float, float]]:
+def peaks_under(peaks: ComponentPeaks, quantity: str) -> list[tuple[str, float, float]]:
     """Return name, peak in m/s and frequency in Hz of what a curve for a quantity limits."""
-    hz, peaks = zero_crossing_frequency(motion).hz, motion.ppv
+    rows = [
+        (name, float(peak), float(f))
+        for name, peak, f in zip(peaks.components, peaks.ppv, peaks.hz, strict=True)
+        if not np.isnan(peak)
+    ]
     if quantity == SUM:
-        return [(SUM, float(motion.pvs), float(hz[np.nanargmax(peaks)]))]
+        return [(SUM, float(peaks.pvs), max(rows, key=lambda row: row[1])[2])]
     limited = {
         "vertical component": {"vertical"},
-        "horizontal component": {*motion.components} - {"vertical"},
-    }.get(quantity, {*motion.components})
-    return [
-        (name, float(peak), float(f))
-        for name, peak, f in zip(motion.components, peaks, hz, strict=True)
-        if name in limited and not np.isnan(peak)
-    ]
+        "horizontal component": {*peaks.components} - {"vertical"},
+    }.get(quantity, {*peaks.components})
+    return [row for row in rows if row[0] in limited]
 
 
 def limit_at(curve: LimitCurve, frequency: float) -> float:
@@ -180,7 +205,11 @@ def assess_all(
     """
     rows = (
         assess(
-            motion, key, kind=kind, window=windows.get(receiver), receiver=receiver,
+            motion,
+            key,
+            kind=kind,
+            window=windows.get(receiver),
+            receiver=receiver,
             error=errors.get(receiver) if kind == "simulated" else None,
         )
         for kind, at_receivers in motions.items()

@@ -16,6 +16,7 @@ from ..signals.seismogram import Seismogram, fast_length
 from .blast import Blast, Firing
 
 OVERSAMPLING = 16
+MOST_SAMPLES = OVERSAMPLING * 10_000_000
 FAINT = 0.01  # of a spectrum of acceleration, above which times are sampled
 SAMPLES_PER_CYCLE = 12.0
 SLOWEST = 1.2  # arrival of Rayleigh waves over that of S waves
@@ -366,6 +367,11 @@ def _check_path(density, cp, cs, radius, distance, dt, duration):
         )
     if not 0.0 < dt < duration < math.inf:
         raise InputError(f"cavity: need 0 < dt < duration, got {dt:g} and {duration:g} s")
+    if duration > MOST_SAMPLES * dt:
+        raise InputError(
+            f"cavity: {duration:.3g} s by steps of {dt:.3g} s are more than {MOST_SAMPLES} "
+            "samples; give a larger radius, a longer time to the peak or a shorter distance"
+        )
 
 
 def superpose(

@@ -19,6 +19,7 @@ from .peaks import LEVEL, PeaksOfLaw
 FEWEST, NARROWEST, BEYOND = 6, 2.0, 1.5
 WANTED_RECORDS, WANTED_R2, CURVED = 30, 0.5, 0.01
 OUTLYING = 0.05  # probability of a record so far from the law of the others
+MOST_STEPS, SETTLED = 500, 1e-7  # of the fit to peaks below a level, relative
 SURE = 0.95  # required confidence that the peak decreases with distance
 
 
@@ -177,7 +178,11 @@ def scaled_distance_ppv(
 
 
 def fit_site_law(
-    distance: ArrayLike, charge: ArrayLike, ppv: ArrayLike, charge_exponent: float = 0.5
+    distance: ArrayLike,
+    charge: ArrayLike,
+    ppv: ArrayLike,
+    charge_exponent: float = 0.5,
+    below: ArrayLike = False,
 ) -> SiteLaw:
     """Fit a site law to the peaks of recorded blasts.
 
@@ -189,21 +194,26 @@ def fit_site_law(
     ppv : (n,) float, m/s
     charge_exponent : float
         1/2 for long charges, 1/3 for points and for air blast.
+    below : (n,) bool
+        Where the peak is only known to lie below ``ppv``: the trigger level of an instrument that
+        did not trigger.
 
     Returns
     -------
     SiteLaw
+        Its ``n`` counts measured peaks.
 
     Raises
     ------
     InputError
-        If a value is not positive; if there are fewer than 6 records; if their scaled distances,
-        any one record left out, span less than a factor of 2; or if the peaks do not fall with
-        scaled distance significantly (95 %).
+        If a value is not positive; if there are fewer than 6 measured peaks; if their scaled
+        distances, any one record left out, span less than a factor of 2; or if the peaks do not
+        fall with scaled distance significantly (95 %).
 
     Notes
     -----
-    Least squares in log10, theory.md (13.3).
+    Least squares in log10, theory.md (13.3); the likelihood of Tobin (1958) where peaks lie below a
+    level, maximised by expectation and maximisation.
 
     Examples
     --------
@@ -228,19 +238,41 @@ def fit_site_law(
             f"site law: ppv must be positive, got {ppv[wrong[0]]:g} in record {wrong[0] + 1}; "
             "leave out what did not trigger"
         )
-    _refuse_poor_places(np.sort(scaled))
-    x, y = np.log10(scaled), np.log10(ppv)
+    below = np.broadcast_to(np.asarray(below, dtype=bool), scaled.shape)
+    _refuse_poor_places(np.sort(scaled[~below]))
+    x, y, hidden = np.log10(scaled), np.log10(ppv), 0.0
+    if below.any():
+        y, hidden = _expected_below(x, y, below)
     middle = x.mean()
     breadth = float(np.sum((x - middle) ** 2))
     slope = float(np.sum((x - middle) * y) / breadth)
     residual = y - y.mean() - slope * (x - middle)
-    s = math.sqrt(np.sum(residual**2) / (len(x) - 2))
+    s = math.sqrt((np.sum(residual**2) + hidden) / (len(x) - 2))
     _refuse_no_fall(slope, s / math.sqrt(breadth), len(x), _outlier(x, y))
     r2 = float(1.0 - np.sum(residual**2) / np.sum((y - y.mean()) ** 2))
     return SiteLaw(
-        float(10.0 ** (y.mean() - slope * middle)), -slope, charge_exponent, s, len(x), r2,
+        float(10.0 ** (y.mean() - slope * middle)), -slope, charge_exponent, s,
+        int((~below).sum()), r2,
         float(middle), breadth, np.array([scaled.min(), scaled.max()]), _notes(x, y, r2),
     )  # fmt: skip
+
+
+def _expected_below(x, y, below):
+    """Return the values of a line with those below a level expected, and their summed variance."""
+    level, y = y[below], y.copy()
+    spread, hidden = max(float(np.std(y[~below])), 1e-6), 0.0
+    for _ in range(MOST_STEPS):
+        slope, start = np.polyfit(x, y, 1)
+        residual = y - start - slope * x
+        before, spread = spread, math.sqrt((np.sum(residual**2) + hidden) / (len(x) - 2))
+        mean = start + slope * x[below]
+        z = (level - mean) / max(spread, 1e-9)
+        tail = np.exp(scipy.stats.norm.logpdf(z) - scipy.stats.norm.logcdf(z))
+        y[below] = mean - spread * tail
+        hidden = float(np.sum(spread**2 * np.maximum(1.0 - z * tail - tail**2, 0.0)))
+        if abs(spread - before) < SETTLED * spread:
+            break
+    return y, hidden
 
 
 def _refuse_poor_places(scaled):

@@ -579,6 +579,58 @@ def records(
         console.say(f"report:  {results / 'report.html'}")
 
 
+@app.command(cls=Finite)
+def site(
+    folder: Annotated[
+        Path,
+        typer.Argument(help="Folder with blasts.csv, stations.csv and records in subfolders."),
+    ],
+    out: Annotated[
+        Path | None, typer.Option(help="Folder for the result [site in that folder].")
+    ] = None,
+    limit_curve: Annotated[
+        str, typer.Option(help="Limit curve of the peaks.")
+    ] = "din_4150_dwelling",
+    air_limit: Annotated[
+        float | None, typer.Option(help="Limit of the air overpressure in Pa.")
+    ] = None,
+    most: Annotated[
+        float | None, typer.Option(help="Peak in mm/s that a share of all blasts stays below.")
+    ] = None,
+    share: Annotated[float, typer.Option(help="That share of blasts.")] = 0.95,
+    ceiling: Annotated[
+        float | None, typer.Option(help="Peak in mm/s that no blast exceeds.")
+    ] = None,
+    since: Annotated[str, typer.Option(help="First day of the period.")] = "0001-01-01",
+    until: Annotated[str, typer.Option(help="Last day of the period.")] = "9999-12-31",
+    verbose: Verbose = False,
+):
+    """Join the records of many blasts to a log, and learn from blast to blast.
+
+    Reads the log (date, time, x, y, charge or hole table), the stations (name, serial number, x, y,
+    trigger level) and all records of the folder. Dates changes and says what changed, forecasts
+    blasts that the log plans, and judges limits. Writes site.json, report.html and a table of
+    compliance, anew by each call; files that were parsed before are not parsed again.
+    """
+    with exit_codes():
+        from ..line_records.forecasts import StatisticalLimit
+        from ..report.site import site_lines
+        from ..workflows.site import learn_site
+
+        if most is None and ceiling is not None:
+            raise InputError("--ceiling: goes with --most")
+        high = math.inf if ceiling is None else 1e-3 * ceiling
+        limit = None if most is None else StatisticalLimit(1e-3 * most, share, high, since, until)
+        with console.Progress() as progress:
+            summary, results = learn_site(
+                folder, out, limit_curve=limit_curve, air_limit=air_limit, statistical=limit,
+                progress=progress,
+            )  # fmt: skip
+        console.show_inputs(summary["inputs"], verbose)
+        console.say("\n".join([*site_lines(summary), f"results: {results}"]))
+        console.say(f"report:  {results / 'report.html'}")
+
+
 def standalone() -> None:
     """Replace this process by the program ``pyblast-run``."""
     binary = resources.files("pyblast") / "bin" / "pyblast-run"

@@ -2,6 +2,7 @@
 
 import tomllib
 from dataclasses import dataclass
+from functools import cache
 from importlib import resources
 
 import numpy as np
@@ -329,6 +330,12 @@ def load_limits() -> dict[str, LimitCurve]:
     >>> curve.verified
     False
     """
+    return dict(_limits())
+
+
+@cache
+def _limits():
+    """Return the limit curves, read once."""
     text = resources.files("pyblast.signals").joinpath("limits.toml").read_text(encoding="utf-8")
     return {key: _curve(entry) for key, entry in tomllib.loads(text).items()}
 

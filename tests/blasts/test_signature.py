@@ -138,6 +138,7 @@ def test_the_assumed_law_keeps_450_kg_at_39_m_below_the_clipping_level():
         ({"density": -1.0}, "density: must be positive"),
         ({"distance": 1.0}, "at least the radius"),
         ({"dt": 0.0}, "need 0 < dt"),
+        ({"dt": 1e-12}, "more than 160000000 samples"),
         ({"rise": 0.5}, "0 < rise < decay"),
     ],
 )

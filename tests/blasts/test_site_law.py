@@ -221,3 +221,23 @@ def test_of_sites_without_an_outlier_one_in_twenty_names_one():
         named += any("law of the others" in note for note in law.notes)
 
     assert 8 <= named <= 32  # 20 expected, standard deviation 4.4
+
+
+def test_peaks_below_the_trigger_do_not_bend_the_law():
+    generator = np.random.default_rng(5)
+    found = {"left out": [], "as bounds": []}
+    for _ in range(40):
+        distance = np.geomspace(60.0, 600.0, 80)
+        ppv = 0.5 * (distance / 5.0) ** -1.5 * 10.0 ** generator.normal(0.0, 0.2, 80)
+        level = 0.5 * (300.0 / 5.0) ** -1.5
+        below = ppv < level
+        charge = np.full(80, 25.0)
+        found["left out"].append(fit_site_law(distance[~below], charge[~below], ppv[~below]))
+        found["as bounds"].append(
+            fit_site_law(distance, charge, np.where(below, level, ppv), below=below)
+        )
+
+    beta = {name: np.mean([law.beta for law in laws]) for name, laws in found.items()}
+    assert beta["as bounds"] == pytest.approx(1.5, abs=0.03)
+    assert beta["left out"] < 1.4
+    assert np.mean([law.s for law in found["as bounds"]]) == pytest.approx(0.2, rel=0.05)

@@ -1,5 +1,7 @@
 """A small project for tests: a column of soil on rock with one fault, in a regular grid."""
 
+from verification.faults import GROUND
+
 TEXT = """
 title = "Small column"
 assumed = ["signature.cavity", "joints.F1.cohesion_kpa"]
@@ -85,49 +87,7 @@ CARRIED = (
     ("holes_per_row = 15", "holes_per_row = 1"),
 )  # fmt: skip
 
-INSIDE = """
-title = "Three holes"
-[mesh]
-size_m = [60, 20, 30]
-grid_cells = [12, 4, 6]
-[[mesh.layers]]
-material = "rock"
-[[mesh.faults]]
-name = "F1"
-dip_deg = 90
-dip_direction_deg = 90
-through_m = [30, 0, 0]
-[materials.rock]
-density_kg_per_m3 = 2600
-cp_m_per_s = 3000
-cs_m_per_s = 1700
-[joints.F1]
-law = "elastic"
-kn_gpa_per_m = 0.5
-ks_gpa_per_m = 0.2
-[boundaries]
-viscous = ["west", "east", "south", "north", "bottom"]
-free = ["top"]
-[damping]
-ratio = 0.02
-frequency_hz = 20
-[blast]
-rows = 1
-holes_per_row = 3
-delay_ms = 10
-charge_kg = 50
-diameter_mm = 115
-depth_m = 12
-burden_m = 3
-spacing_m = 4
-position_m = [14, 10, 30]
-[holes_inside.charged_hole]
-material = "rock"
-charge_kg = 50
-radius_m = 0.5
-pressure_mpa = 100
-peak_time_ms = 40
-[[receivers]]
+INSIDE = f"""{GROUND}[[receivers]]
 name = "house"
 position_m = [52, 10]
 [run]

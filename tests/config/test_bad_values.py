@@ -1,10 +1,13 @@
 """Values that nothing has, names that break terminals, and input that is nothing are refused."""
 
+from inspect import Parameter, signature
+from typing import get_type_hints
+
 import pytest
 from small_project import INSIDE, TEXT, written
 from typer.testing import CliRunner
 
-from pyblast.cli.commands import app
+from pyblast.cli.commands import Finite, app
 from pyblast.config.config import read_config
 from pyblast.errors import InputError, ReadError
 from pyblast.project.project import load_project
@@ -38,10 +41,17 @@ def test_a_bad_value_is_refused_in_one_printable_sentence(tmp_path, old, new, se
     assert str(caught.value).isprintable()
 
 
-def test_a_force_of_zeros_does_not_enter(tmp_path):
-    (tmp_path / "f.csv").write_text("time_s,force_n\n0,0\n0.1,0\n0.2,0\n0.3,0\n")
+@pytest.mark.parametrize(
+    ("lines", "rule"),
+    [
+        ("0,0\n0.1,0\n0.2,0\n0.3,0\n", "is zero throughout"),
+        ("0,1\n1e-300,2\n2e-300,1\n3e-300,0\n", "line 3: times must grow by equal steps"),
+    ],
+)
+def test_a_force_that_moves_nothing_is_refused(tmp_path, lines, rule):
+    (tmp_path / "f.csv").write_text(f"time_s,force_n\n{lines}")
 
-    with pytest.raises(ReadError, match=r"f\.csv: is zero throughout"):
+    with pytest.raises(ReadError, match=rf"f\.csv.* {rule}"):
         _ = load_project(written(tmp_path, ("[run]", f"{FORCE}[run]"))).inside
 
 
@@ -84,13 +94,28 @@ def test_a_plane_wave_needs_motion_along_it(wave, azimuth):
         make_entry(config, Seismogram(upright, 1e-3))
 
 
-@pytest.mark.parametrize("option", [["--bearing", "nan"], ["--low", "1", "--high", "inf"]])
-def test_numbers_of_the_command_line_are_finite(tmp_path, option):
-    for name in ("a.csv", "b.csv"):
-        (tmp_path / name).write_text("time_s\n")
+def _numbers():
+    """Return words of each command and option that takes real numbers, with how many of them."""
+    found = []
+    for command in app.registered_commands:
+        parts = signature(command.callback).parameters.values()
+        files = ["x"] * sum(part.default is Parameter.empty for part in parts)
+        name = command.name or command.callback.__name__.replace("_", "-")
+        for key, kind in get_type_hints(command.callback).items():
+            if count := str(kind).count("float"):
+                found.append(([name, *files], f"--{key.replace('_', '-')}", count))
+    return found
 
-    done = CliRunner().invoke(app, ["compare", *(str(tmp_path / n) for n in ("a.csv", "b.csv")),
-                                    *option])  # fmt: skip
+
+@pytest.mark.parametrize("value", ["nan", "inf", "-inf"])
+@pytest.mark.parametrize(("words", "option", "count"), _numbers())
+def test_numbers_of_the_command_line_are_finite(words, option, count, value):
+    done = CliRunner().invoke(app, [*words, option, *[value] * count])
 
     assert done.exit_code == 2
-    assert "must be a finite number" in done.output
+    assert f"{option}: must be a finite number, got {value}" in done.output
+
+
+def test_every_command_asks_for_finite_numbers():
+    assert all(command.cls is Finite for command in app.registered_commands)
+    assert len(_numbers()) > 5

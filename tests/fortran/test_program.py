@@ -336,7 +336,7 @@ def test_a_broken_model_file_is_refused_in_one_sentence(damage, exported, tmp_pa
 
 
 def test_damage_at_random_is_refused_in_one_sentence_or_leaves_a_model(tmp_path):
-    row = fuzz.fuzz(0, 45, 5, tmp_path)
+    row = fuzz.fuzz("model file", 0, 45, 5, tmp_path)
 
     assert row["faults"] == []
     assert row["refused"] > 25

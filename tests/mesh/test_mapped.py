@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from pyblast.errors import InputError
 from pyblast.mesh.grid import SIDES, Fault, Geometry, JointSet, Layer
 from pyblast.mesh.hexahedral.mapped import Fine, NotMapped, build_mapped, divided
 from pyblast.mesh.mesh import quality, zone_volumes
@@ -208,3 +209,8 @@ def test_planes_that_fit_no_grid_are_refused(sets, faults, open_sides, why):
 
     with pytest.raises(NotMapped, match=why):
         built(sets=joints, faults=planes, open_sides=open_sides)
+
+
+def test_a_grid_of_more_nodes_than_numbers_count_is_refused_before_it_is_made():
+    with pytest.raises(InputError, match=r"of hexahedra needs about .* GB of memory"):
+        built(sizes=[1e-4])

@@ -7,6 +7,7 @@ level reference the nodes move along the lines of the grid up to a surveyed surf
 stay plane. A grid without slopes is a plain grid. Source: Gordon & Hall (1973).
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise, permutations
@@ -643,7 +644,7 @@ class _Grid:
         """Return the mesh."""
         order = self.order
         counts = [len(axis) for axis in self.axes]
-        count = np.prod([n - 1 for n in counts]) * order**3
+        count = math.prod(n - 1 for n in counts) * order**3
         refuse_beyond_memory(f"mesh: a grid of {count} nodes of hexahedra", count * BYTES_PER_NODE)
         i, j, k = (part.ravel() for part in np.meshgrid(
             *(np.arange(n - 1) for n in counts), indexing="ij"

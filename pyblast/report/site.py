@@ -1,0 +1,295 @@
+"""Report of a site from blast to blast: compliance over time, site law, what was not joined."""
+
+from datetime import datetime
+from pathlib import Path
+
+import numpy as np
+
+from ..line_records.changes import WORDS
+from ..project.result import write_text
+from ..signals.comparison import load_limits
+from ..units import plain_number
+from .figures import FAULT, INK, RECORDED, SIMULATED
+from .pages import page
+from .plots import axis_of, dots, line, page_plot, panel, segments
+
+SHOWN = 40  # records of the table on the page, the latest
+NAMED = 6  # refused files whose reasons the terminal shows
+COLOURS = RECORDED, SIMULATED, "#0f766e", "#7c3aed", "#b45309", "#475569"
+
+
+def site_lines(summary: dict) -> list[str]:
+    """Return what a site shows so far, one sentence a line.
+
+    Parameters
+    ----------
+    summary : dict
+        Content of ``site.json``.
+    """
+    rows, unjoined = summary["records"], summary["unjoined"]
+    lines = [
+        f"{len(rows)} records of {len({row['blast'] for row in rows})} of {len(summary['blasts'])} "
+        f"blasts at {len({row['station'] for row in rows})} stations; "
+        f"{len(summary['silent'])} times one did not trigger; {len(unjoined)} records belong to no "
+        f"blast, {len(summary['skipped'])} files are no records or can't be read",
+        _over(rows, "share", load_limits()[summary["limit_curve"]].name),
+    ]
+    if summary["air_limit"] is not None:
+        words = f"{plain_number(summary['air_limit'])} Pa of air overpressure"
+        lines.append(_over(rows, "air_share", words))
+    lines.append(_law_words("peak velocity", summary["law"]))
+    if any(row["overpressure"] for row in rows):
+        lines.append(_law_words("air overpressure", summary["air_law"]))
+    lines += [_change_words(row) for row in summary["changes"]]
+    lines += _forecast_lines(summary) + _statistical_lines(summary["statistical"])
+    for station, hours in summary["clocks"].items():
+        off = ", ".join(f"{count} records by {int(h):+d} h" for h, count in hours.items())
+        lines.append(f"{station}: its clock is off, {off}")
+    refused = [row for row in [*unjoined, *summary["skipped"]] if row["reason"] != "is no record"]
+    lines += [f"- {row['file']}: {row['reason']}" for row in refused[:NAMED]]
+    if len(refused) > NAMED:
+        lines.append(f"- {len(refused) - NAMED} more in site.json")
+    return lines
+
+
+def _over(rows, key, words):
+    """Return how many records exceed a limit, and the largest share of it."""
+    known = [row for row in rows if row.get(key) is not None]
+    if not known:
+        return f"{words}: no record to compare"
+    worst = max(known, key=lambda row: row[key])
+    over = [row for row in known if row[key] > 1.0]
+    head = f"{len(over)} of {len(known)} records exceed" if over else f"all {len(known)} keep"
+    return (
+        f"{head} {words}; the largest, {plain_number(100 * worst[key])} %, is blast "
+        f"{worst['blast']} at {worst['station']}, {worst['time'][:10]}"
+    )
+
+
+def _law_words(what, law):
+    """Return the law of a quantity as a sentence, or why there is none."""
+    if "refused" in law:
+        return f"no law of {what}: {law['refused'].removeprefix('site law: ')}"
+    low, high = law["beta_90"]
+    text = (
+        f"{what} falls as (R/W^{law['charge_exponent']:.3g})^-{law['beta']:.3g}, 90 % interval "
+        f"{low:.3g} to {high:.3g}, {law['n']} records"
+        + (f" and {law['below']} below their trigger" if law["below"] else "")
+        + f"; 95 % of blasts stay below {10 ** (1.645 * law['s']):.2g} times the median"
+    )
+    far = [f"{row['blast']} at {row['station']} ({row['factor']:.2g} times)"
+           for row in law["outliers"]]  # fmt: skip
+    return text + (f"; far off the others: {', '.join(far[:4])}" if far else "")
+
+
+def _change_words(row):
+    """Return a change as a sentence: when, where, what, by how much."""
+    kinds = " or ".join(WORDS[kind] for kind in row["kinds"])
+    where = f"at {row['station']}" if row["station"] else "at all stations"
+    first, last = row["between"]
+    says = f"; the log: {', '.join(row['log_says'])}" if row["log_says"] else ""
+    return (
+        f"since {row['blast']}, {row['time'][:10]} (after {first}, at the latest from {last}), "
+        f"{where}: {kinds} changed{_step_words(row)}{says}"
+    )
+
+
+def _step_words(row):
+    """Return the steps of a change that its records show."""
+    step, error = (np.atleast_2d(np.array(row[key], dtype=float)) for key in ("step", "error"))
+    if len(step) > 1:
+        k = int(np.argmax(np.abs(step[:, 0])))
+        step, error = step[k : k + 1], error[k : k + 1]
+    words = []
+    for name, size, spread in zip(row["features"], step[0], error[0], strict=True):
+        if size and abs(size) > 1.645 * spread:
+            ends = 10.0 ** (size - 1.645 * spread), 10.0 ** (size + 1.645 * spread)
+            words.append(
+                f"{name} {size:+.2g}" if name in ("along", "across")
+                else f"{name} {10.0**size:.2f} times ({ends[0]:.2f} to {ends[1]:.2f})"
+            )  # fmt: skip
+    return f": {', '.join(words)}" if words else ""
+
+
+def _forecast_lines(summary):
+    """Return the forecasts of planned blasts, and how the earlier ones came out."""
+    lines = []
+    for row in summary["forecasts"]:
+        low, high = row["band"]
+        text = (
+            f"forecast of {row['blast']} at {row['station']}: {1e3 * row['median']:.3g} mm/s, "
+            f"90 % between {1e3 * low:.3g} and {1e3 * high:.3g}"
+        )
+        if row.get("limit") is not None:
+            text += (
+                f"; at {row['frequency']:.3g} Hz {100 * row['share_below_limit']:.3g} % of such "
+                f"blasts stay below {1e3 * row['limit']:.3g} mm/s"
+            )
+        lines.append(text)
+    coverage = summary["coverage"]
+    if coverage["forecasts"]:
+        low, high = coverage["interval"]
+        lines.append(
+            f"of {coverage['forecasts']} forecasts by the blasts before alone, "
+            f"{100 * coverage['inside'] / coverage['forecasts']:.3g} % ({100 * low:.3g} to "
+            f"{100 * high:.3g}) of the peaks came inside the 90 % band"
+        )
+    return lines
+
+
+def _statistical_lines(limit):
+    """Return how each station keeps a statistical limit."""
+    lines = []
+    for row in [] if limit is None else limit["stations"]:
+        if not row["blasts"]:
+            lines.append(f"{row['station']}: no blast of the period counts")
+            continue
+        low, high = row["interval"]
+        ceiling = (
+            f", {row['over_ceiling']} above {1e3 * limit['ceiling']:.3g} mm/s"
+            if limit["ceiling"] is not None
+            else ""
+        )
+        lines.append(
+            f"{row['station']}: {100 * row['share']:.3g} % ({100 * low:.3g} to {100 * high:.3g}) "
+            f"of {row['blasts']} blasts of the period below {1e3 * limit['level']:.3g} mm/s, "
+            f"{100 * limit['share']:.3g} % are asked for; {row['over']} above{ceiling}; "
+            + (f"{row['may_exceed']} more may exceed it" if row["may_exceed"] >= 0 else
+               f"{-row['may_exceed']} too many exceed it")
+            + f" by its end; counted are records and {row['below_trigger']} blasts below the "
+            f"trigger, not {row['unknown']} without either"
+        )  # fmt: skip
+    return lines
+
+
+def write_site_report(path: str | Path, summary: dict) -> None:
+    """Write the page of a site.
+
+    Parameters
+    ----------
+    path : path
+    summary : dict
+        Content of ``site.json``.
+    """
+    lines = site_lines(summary)
+    over = any((row.get("share") or 0.0) > 1.0 or (row["air_share"] or 0.0) > 1.0
+               for row in summary["records"])  # fmt: skip
+    text = page("site.html").render(
+        s=summary, lines=lines, over=over, figures=_figures(summary), shown=SHOWN,
+        curve=load_limits()[summary["limit_curve"]],
+    )  # fmt: skip
+    write_text(path, text)
+
+
+def _figures(summary):
+    """Return title, caption and plot of each figure."""
+    figures = [{
+        "title": "Peaks and their limit over time", "image": _over_time(summary),
+        "caption": "Largest peak of each record as a share of the limit curve at its frequency; "
+        "above 100 % the limit is exceeded.",
+    }]  # fmt: skip
+    figures.append({
+        "title": "Control charts", "image": _charts(summary),
+        "caption": "Each record over what distance, charge and the usual level of its station let "
+        "expect: level of all channels, and vertical over horizontal. Upright lines: changes.",
+    })  # fmt: skip
+    for key, label, words in (
+        ("law", "peak velocity [mm/s]", "peak velocity"),
+        ("air_law", "overpressure [Pa]", "air overpressure"),
+    ):
+        if "refused" not in summary[key]:
+            figures.append({
+                "title": f"Site law of {words}", "image": _law_plot(summary, key, label),
+                "caption": "Lines: half and 95 % of blasts of the site stay below. Rings: trigger "
+                "level of stations that did not trigger.",
+            })  # fmt: skip
+    return figures
+
+
+def years(times) -> list[float]:
+    """Return ISO times as years."""
+    dates = [datetime.fromisoformat(time) for time in times]
+    return [d.year + (d.timetuple().tm_yday - 1 + d.hour / 24.0) / 365.25 for d in dates]
+
+
+def time_axis(times) -> dict:
+    """Return the axis of time of a plot, years."""
+    at = years(times)
+    low, high = min(at), max(at)
+    every = max(1, round((high - low) / 8))
+    ticks = {float(y): str(y) for y in range(int(low), int(high) + 2) if y % every == 0}
+    inside = {y: name for y, name in ticks.items() if low <= y <= high}
+    return axis_of("year", low, high, ticks=inside if len(inside) > 1 else None)
+
+
+def by_station(summary):
+    """Yield name, colour and records of each station that has any."""
+    for n, station in enumerate(summary["stations"]):
+        rows = [row for row in summary["records"] if row["station"] == station["name"]]
+        if rows:
+            yield station["name"], COLOURS[n % len(COLOURS)], rows
+
+
+def _over_time(summary):
+    """Plot the share of the limit of each record over time."""
+    marks = [
+        dots(years(row["time"] for row in rows),
+             [np.nan if row.get("share") is None else 100.0 * row["share"] for row in rows],
+             name, colour, radius=3, text=[row["blast"] for row in rows], quiet=True)
+        for name, colour, rows in by_station(summary)
+    ]  # fmt: skip
+    axis = time_axis([row["time"] for row in summary["records"]])
+    limit = line([axis["low"], axis["high"]], [100.0, 100.0], "limit", FAULT, dash=True)
+    return page_plot("share of the limit", panel(
+        axis, axis_of("peak over limit [%]", log=True), [limit, *marks], 320))  # fmt: skip
+
+
+def _charts(summary):
+    """Plot the control charts of all stations, with the dates of changes."""
+    times = years(blast["time"] for blast in summary["blasts"])
+    axis, panels = time_axis([row["time"] for row in summary["records"]]), []
+    for chart in summary["charts"]:
+        marks = [
+            dots(times, [np.nan if v is None else v for v in chart[key]], words, colour, radius=2.5,
+                 text=[blast["name"] for blast in summary["blasts"]], quiet=True)
+            for key, words, colour in (("level", "level", RECORDED),
+                                       ("channel_ratio", "vertical over horizontal", SIMULATED))
+        ]  # fmt: skip
+        for change in summary["changes"]:
+            if change["station"] in (None, chart["station"]):
+                at = years([change["time"]])
+                name = f"{change['blast']}: {' or '.join(WORDS[k] for k in change['kinds'])}"
+                marks.append(segments(at, [0.3], at, [3.0], None, FAULT, text=[name]))
+        panels.append(panel(axis, axis_of(f"{chart['station']}: factor", log=True), marks, 220))
+    return page_plot("control charts", *panels)
+
+
+def _law_plot(summary, key, label):
+    """Plot records and law over scaled distance."""
+    law, exponent = summary[key], summary[key]["charge_exponent"]
+    name, factor = ("peak", 1e3) if key == "law" else ("overpressure", 1.0)
+    by_name = {blast["name"]: blast for blast in summary["blasts"]}
+    marks = [
+        dots([row["distance"] / row["charge"] ** exponent if row["charge"] and row["distance"]
+              else np.nan for row in rows],
+             [np.nan if row.get(name) is None else factor * row[name] for row in rows],
+             station, colour, radius=3, text=[row["blast"] for row in rows], quiet=True)
+        for station, colour, rows in by_station(summary)
+    ]  # fmt: skip
+    if key == "law" and summary["silent"]:
+        at = {station["name"]: station["position"] for station in summary["stations"]}
+        rings = [
+            (np.linalg.norm(np.subtract(by_name[row["blast"]]["position"], at[row["station"]]))
+             / by_name[row["blast"]]["charge"] ** exponent, factor * row["below"])
+            for row in summary["silent"]
+            if by_name[row["blast"]]["charge"] and None not in by_name[row["blast"]]["position"]
+        ]  # fmt: skip
+        marks += [dots(*np.transpose(rings), "did not trigger", INK, ring=True)] if rings else []
+    marks += [
+        line(law["scaled_distance"], factor * np.array(law["levels"][share]), words, INK, dash=dash)
+        for share, words, dash in (("0.5", "median", False), ("0.95", "95 % stay below", True))
+    ]
+    unit = "m/kg^0.5" if exponent == 0.5 else "m/kg^(1/3)"
+    return page_plot(f"site law of {label}", panel(
+        axis_of(f"scaled distance [{unit}]", log=True), axis_of(label, log=True), marks, 340,
+    ))  # fmt: skip

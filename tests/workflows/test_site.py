@@ -1,0 +1,162 @@
+"""The site from blast to blast: one page and one JSON, again in no time, and refusals."""
+
+import csv
+import json
+from pathlib import Path
+from shutil import copytree
+
+import numpy as np
+import pytest
+from command_line import call
+
+from pyblast import InputError
+from pyblast.line_records import monitoring
+from pyblast.workflows import site as workflow
+from pyblast.workflows.site import learn_site
+
+QUARRY = Path(__file__).parents[2] / "examples" / "site" / "quarry"
+
+
+@pytest.fixture
+def quarry(tmp_path):
+    return copytree(QUARRY, tmp_path / "quarry")
+
+
+def test_the_shipped_quarry_is_learned(quarry):
+    done = call("site", quarry)
+
+    assert done.exit_code == 0, done.output
+    summary = json.loads((quarry / "site" / "site.json").read_text())
+    assert len(summary["records"]) == 71
+    assert (summary["unjoined"], summary["skipped"]) == ([], [])
+    assert len(summary["silent"]) == 1
+    low, high = summary["law"]["beta_90"]
+    assert low < 1.5 < high
+    far = {row["blast"]: row["factor"] for row in summary["law"]["outliers"]}
+    assert far.keys() == {"B17"}
+    assert far["B17"] == pytest.approx(3.5, rel=0.6)
+    (change,) = summary["changes"]
+    assert (change["blast"], change["station"]) == ("B13", "school")
+    assert change["kinds"][0] == "vertical channel"
+    vertical = change["features"].index("vertical")
+    step, error = change["step"][vertical], change["error"][vertical]
+    assert abs(step - np.log10(0.4)) < 2.0 * error
+    assert {row["blast"] for row in summary["forecasts"]} == {"B25"}
+    for row in summary["forecasts"]:
+        low, high = row["band"]
+        usual = 0.6 * (row["distance"] / row["charge"] ** 0.5) ** -1.5
+        assert low < usual < row["level_95"] < high * 1.001
+    over = [row for row in summary["records"] if row["share"] > 1.0]
+    assert f"{len(over)} of 71 records exceed DIN 4150-3" in done.output
+    with (quarry / "site" / "compliance.csv").open() as file:
+        table = list(csv.DictReader(file))
+    assert [float(row["share_of_limit"]) > 1.0 for row in table].count(True) == len(over)
+    page = (quarry / "site" / "report.html").read_text()
+    assert "B17" in page
+    assert "http" not in page.replace("http://www.w3.org/2000/svg", "")
+
+
+def test_what_was_parsed_is_kept_and_a_new_file_alone_is_parsed(quarry, monkeypatch):
+    first, _ = learn_site(quarry)
+    parsed = []
+
+    def read(path, name):
+        parsed.append(name)
+        return monitoring.read_peaks(path, name)
+
+    monkeypatch.setattr(workflow, "read_peaks", read)
+    assert learn_site(quarry)[0] == first
+    assert parsed == []
+
+    (quarry / "records" / "copy.csv").write_text(
+        (quarry / "records" / "farm_03.csv").read_text() + "\n"
+    )
+    again, _ = learn_site(quarry)
+    assert parsed == ["records/copy.csv"]
+    assert again["law"] == first["law"]
+    assert "repeats" in again["unjoined"][0]["reason"]
+
+    (quarry / "site" / "parsed.json").write_text('{"code": 1, "files": [')
+    assert learn_site(quarry)[0]["records"] == again["records"]
+    assert len(parsed) == 73
+
+
+def test_what_is_no_record_is_listed_with_its_reason(quarry):
+    (quarry / "records" / "holiday.csv").write_text("a,b\n1,2\n")
+    (quarry / "notes.md").write_text("nothing")
+    (quarry / "<b>.csv").write_text("x\n")
+
+    done = call("site", quarry)
+
+    assert done.exit_code == 0, done.output
+    skipped = {row["file"]: row["reason"] for row in
+               json.loads((quarry / "site" / "site.json").read_text())["skipped"]}  # fmt: skip
+    assert skipped["notes.md"] == "is no record"
+    assert "is none of" in skipped["records/holiday.csv"]
+    assert "records/holiday.csv" in done.output
+    assert "<b>.csv" not in (quarry / "site" / "report.html").read_text()
+
+
+@pytest.mark.parametrize(
+    ("damage", "message"),
+    [
+        (lambda folder: (folder / "blasts.csv").unlink(), "holds none of blasts.csv, blasts.txt"),
+        (lambda folder: (folder / "blasts.txt").write_text("x"), "more than one of blasts.csv"),
+        (lambda folder: (folder / "blasts.csv").write_text("blast,day\nS1,2\n"), "date"),
+        (lambda folder: [p.unlink() for p in (folder / "records").iterdir()],
+         "no record belongs to a blast"),
+    ],
+)  # fmt: skip
+def test_a_folder_that_is_no_site_ends_with_one_sentence_and_2(quarry, damage, message):
+    damage(quarry)
+
+    done = call("site", quarry)
+
+    assert done.exit_code == 2
+    assert message in " ".join(done.output.split())
+    assert not (quarry / "site" / "site.json").exists()
+
+
+def test_limits_that_do_not_exist_are_refused(quarry):
+    with pytest.raises(InputError, match=r"limit curve: one of .*got 'none'"):
+        learn_site(quarry, limit_curve="none")
+    with pytest.raises(InputError, match="air limit: must be positive, got -1"):
+        learn_site(quarry, air_limit=-1.0)
+
+
+def test_a_limit_of_a_share_of_blasts_is_judged(quarry):
+    rule = ("--most", 3, "--ceiling", 10, "--since", "2025-01-01", "--until", "2025-12-31")
+
+    done = call("site", quarry, *rule)
+
+    assert done.exit_code == 0, done.output
+    summary = json.loads((quarry / "site" / "site.json").read_text())
+    for row in summary["statistical"]["stations"]:
+        peaks = [each["peak"] for each in summary["records"]
+                 if each["station"] == row["station"] and each["time"] >= "2025"]  # fmt: skip
+        silent = [each for each in summary["silent"] if each["station"] == row["station"]]
+        assert row["blasts"] == len(peaks) + len(silent)
+        assert row["over"] == sum(peak > 3e-3 for peak in peaks)
+        assert f"{row['station']}: {100 * row['share']:.3g} %" in done.output
+    for wrong in (("--ceiling", 3), ("--most", 3, "--since", "soon"), ("--most", 3, "--share", 2)):
+        assert call("site", quarry, *wrong).exit_code == 2
+
+
+def test_air_overpressure_has_its_law_and_limit(quarry):
+    for path in (quarry / "records").iterdir():
+        head, rows = path.read_text().split('"Tran","Vert","Long"\n')
+        lines = rows.splitlines()
+        peak = max(abs(float(value)) for value in lines[60].split(","))
+        mic = [0.0] * len(lines)
+        mic[70] = 20.0 * peak
+        body = "\n".join(f"{line},{value:.3f}" for line, value in zip(lines, mic, strict=True))
+        head = head.replace('"Units","mm/s"', '"Units","mm/s and pa"')
+        path.write_text(f'{head}"Tran","Vert","Long","MicL"\n{body}\n')
+
+    summary, _ = learn_site(quarry, air_limit=10.0)
+
+    pressures = [row["overpressure"] for row in summary["records"]]
+    assert all(np.isfinite(pressures))
+    assert [row["air_share"] for row in summary["records"]] == pytest.approx(
+        [pressure / 10.0 for pressure in pressures]
+    )
