@@ -187,3 +187,18 @@ def plain_number(value: float, digits: int = 3) -> str:
     """Write a number for a sentence: significant digits, no positive exponent."""
     text = f"{value:.{digits}g}"
     return f"{float(text):.0f}" if "e+" in text else text
+
+
+def in_minutes(minutes: float) -> str:
+    """Return a time in words: seconds, minutes or hours.
+
+    Examples
+    --------
+    >>> in_minutes(0.05), in_minutes(7.3), in_minutes(300.0)
+    ('3 s', '7.3 min', '5 h')
+    """
+    if minutes < 1.0:
+        return f"{plain_number(max(1.0, 60.0 * minutes), 2)} s"
+    if minutes < 120.0:
+        return f"{plain_number(minutes, 2)} min"
+    return f"{plain_number(minutes / 60.0, 2)} h"

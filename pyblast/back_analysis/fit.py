@@ -1,6 +1,5 @@
 """Fit of waveforms: Gauss-Newton over what is looked for and what is held, one run a step."""
 
-import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
@@ -8,7 +7,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .. import core
 from ..errors import InputError, PyblastError
 from ..inference.covariance import record_blocks
 from ..inference.error_model import NORMAL_95, ErrorModel, Levels, Posterior
@@ -27,9 +25,9 @@ from ..inference.records import Records, band_functions
 from ..project.places import firings_of, on_ground
 from ..project.project import Project
 from ..project.uncertain_ground import held_beside, sought_in
+from ..simulation.estimate import cost_of
 from ..simulation.recipe import BETTER
 from ..simulation.simulation import Simulation
-from ..solver.preparation import LEDGER_EVERY, prepare
 from .waveforms import remaining
 
 ALL_LEVELS = Levels(
@@ -302,17 +300,9 @@ class Fitter:
         return replace(second if better else first, starts=self.starts)
 
     def seconds_of_run(self) -> float:
-        """Return the estimated seconds of one evaluation, from the first steps of the blasts."""
-        total = 0.0
-        for blast in self.blasts:
-            began = time.perf_counter()
-            prepared = prepare(self.simulation.model(blast), blast.duration)
-            views, state = prepared.begun()
-            ready = time.perf_counter()
-            core.advance(views, state, 0, LEDGER_EVERY, LEDGER_EVERY)
-            step = (time.perf_counter() - ready) / LEDGER_EVERY
-            total += ready - began + step * prepared.n_steps
-        return total
+        """Return the estimated processor seconds of one evaluation."""
+        models = ((self.simulation.model(blast), blast.duration) for blast in self.blasts)
+        return sum(cost_of(*each).seconds for each in models)
 
     def _run(self, trials: Sequence[_Trial]) -> list[np.ndarray]:
         """Run trials side by side; return motion (n_blasts, n_receivers, 3, n_samples) of each."""

@@ -172,7 +172,7 @@ def check_command(
         from ..project.checks import check as check_project
 
         with console.Progress() as progress:
-            result = check_project(loaded, progress=progress)
+            result = check_project(loaded, priced=True, progress=progress)
         console.show_inputs(loaded.log.table(), verbose)
         console.show_check(result)
         if page is not None:

@@ -26,6 +26,7 @@ from typer import Exit
 
 from ..errors import INTERRUPTED, SOLVER_FAILED, WRONG_INPUT, PyblastError, SolverError
 from ..readers.provenance import input_lines
+from ..units import in_minutes
 
 if TYPE_CHECKING:
     from ..back_analysis.search import BackAnalysis
@@ -45,7 +46,6 @@ STAGES = {
     "mesh": "mesh",
     "check": "checks",
     "step": "search for the time step",
-    "timing": "timing of a few steps",
     "static": "initial stress",
     "dynamic": "time steps",
     "trials": "runs of the search",
@@ -254,13 +254,15 @@ def show_model_summary(summary: "ModelSummary") -> None:
         f"time step {1e3 * summary.dt:.3g} ms, limited by {summary.limited_by}; "
         f"{summary.steps} steps"
     )
-    if summary.seconds is not None:
-        say(f"estimated time {summary.seconds:.0f} s, without the initial stress")
+    say(f"estimated time {in_minutes(summary.seconds / 60.0)}, without the initial stress")
 
 
 def show_check(check: "Check") -> None:
     """Print the size of the model, the notes on the holes, and every finding."""
-    show_model_summary(check.summary)
+    if check.summary is None:
+        say(f"{check.cost}: no mesh was built")
+    else:
+        show_model_summary(check.summary)
     show_ground(check.ground_as_built)
     for note in check.notes:
         say(f"- {note}")

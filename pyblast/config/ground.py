@@ -174,6 +174,7 @@ class MeshConfig(Section):
     order: Annotated[int, Field(ge=2, le=8)] | None = None
     accuracy: Annotated[float, Field(ge=1e-4, le=0.1)] = 0.01
     near_source_work: Annotated[float, Field(ge=1.0, le=1e6)] = 10.0
+    minutes: Annotated[float, Field(gt=0.0, le=1e6)] = 60.0
     quadratic: bool = False
     padding_m: Positive | None = None
     padding_edge_m: Positive | None = None

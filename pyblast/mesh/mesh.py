@@ -267,6 +267,14 @@ class Mesh:
         return self.order > 1
 
     @cached_property
+    def volumes(self) -> np.ndarray:
+        """Volume (n_zones,) of each zone in m3."""
+        if not self.hexahedral:
+            return tetrahedra.volumes(self.points, self.zones)
+        jacobian = hexahedra.jacobians(self.node_places, self.order)
+        return np.linalg.det(jacobian) @ hexahedra.node_weights(self.order)
+
+    @cached_property
     def node_places(self) -> np.ndarray:
         """Positions (n_zones, (order + 1)^3, 3) in m of the nodes of hexahedra."""
         if self.places is not None:
@@ -493,10 +501,7 @@ def surface_areas(mesh: Mesh, name: str) -> tuple[np.ndarray, np.ndarray, np.nda
 
 def zone_volumes(mesh: Mesh) -> np.ndarray:
     """Return the volume (n_zones,) of each zone in m3."""
-    if not mesh.hexahedral:
-        return tetrahedra.volumes(mesh.points, mesh.zones)
-    jacobian = hexahedra.jacobians(mesh.node_places, mesh.order)
-    return np.linalg.det(jacobian) @ hexahedra.node_weights(mesh.order)
+    return mesh.volumes
 
 
 def quality(mesh: Mesh) -> np.ndarray:

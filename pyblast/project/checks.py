@@ -17,10 +17,11 @@ from ..mesh.mesh import surface_zones, zone_edge_lengths
 from ..model.boundary import Roller, Viscous
 from ..signals.spectra import highest_frequency
 from ..simulation.accuracy import FOUND, Band
+from ..simulation.estimate import Cost, at_frequency
 from ..solver.initial_stress import joint_pressures
 from ..solver.injection import near_receivers, refusal
 from ..sources.inside import NEARLY, shape
-from ..units import plain_number
+from ..units import in_minutes, plain_number
 from . import checks_ground
 from .checks_ground import MOST_NAMED, ModelSummary, boundary_defects, ground_notes, summarise_model
 from .elastic_ground import elastic_finding
@@ -44,7 +45,10 @@ class Check:
 
     Parameters
     ----------
-    summary : ModelSummary
+    cost : Cost or None
+        Estimated before the mesh; None where that is read from a file.
+    summary : ModelSummary or None
+        None where the run is beyond its budget, and no mesh was built.
     findings : tuple of Finding
     notes : tuple of str
         Plausibility of the hole table, records to compare with.
@@ -52,7 +56,8 @@ class Check:
         Sides, planes, layers and positions, as asked for and as built.
     """
 
-    summary: ModelSummary
+    cost: Cost | None
+    summary: ModelSummary | None
     findings: tuple[Finding, ...]
     notes: tuple[str, ...]
     ground_as_built: tuple[Row, ...] = ()
@@ -63,14 +68,14 @@ class Check:
         return any(finding.failed for finding in self.findings)
 
 
-def check(project, measure=True, progress=None) -> Check:
+def check(project, priced=False, progress=None) -> Check:
     """Check a project before a run: summarise its model and report findings.
 
     Parameters
     ----------
     project : Project
-    measure : bool
-        Whether to run a few steps to estimate the run time.
+    priced : bool
+        Whether to stop before the mesh of a run that is beyond its budget, with that finding.
     progress : callable, optional
         Called with (stage, done, total).
 
@@ -82,6 +87,8 @@ def check(project, measure=True, progress=None) -> Check:
     tell("input", 0, 1)
     notes = () if project.blast is None else tuple(project.blast.checks())
     recorded = project.recorded  # a file that can't be read is refused before the mesh
+    if priced and project.dear is not None:
+        return Check(project.cost, None, (project.dear,), notes)
     tell("mesh", 0, 1)
     if recorded and project.comparable:  # refuses records that can't be set beside the motion
         low = project.shot.low_pass
@@ -90,7 +97,7 @@ def check(project, measure=True, progress=None) -> Check:
     rows = project.as_built
     tell("check", 0, 1)
     notes += ground_notes(project)
-    summary = summarise_model(project, measure, progress)
+    summary = summarise_model(project, progress)
     candidates = [
         *_mesh_defects(project, summary),
         *_load_defects(project),
@@ -99,14 +106,14 @@ def check(project, measure=True, progress=None) -> Check:
         *_record_defects(project, summary),
         *boundary_defects(project),
         *level_findings(project, expected_peaks(project)),
-        band_finding(project, project.accuracy.band, summary.seconds),
+        band_finding(project, project.accuracy.band),
         expected_error(project.accuracy.rows, project.config.mesh.accuracy),
         energy_finding(source_energy(project)),
         elastic_finding(project.elastic_ground, project.receivers),
     ]
     findings = [finding for finding in candidates if finding is not None]
     findings = sorted(one_a_kind(findings), key=lambda f: int(f.code[1:]))
-    return Check(summary, tuple(findings), notes, rows)
+    return Check(project.cost, summary, tuple(findings), notes, rows)
 
 
 def one_a_kind(findings) -> list[Finding]:
@@ -152,7 +159,7 @@ def ground_as_built(rows):
 
 
 def _mesh_defects(project, summary):
-    """D1, D2, D5, D12, D26, D30, D38, D45: zones, size, sides, layers, units, memory, sources."""
+    """D1, D2, D5, D12, D26, D30, D38, D45, D48: zones, sides, layers, memory, sources, blocks."""
     yield checks_ground.beyond_memory(summary.memory, quality.available())
     times = () if project.blast is None else project.blast.times
     yield unusual(project.config, project.materials, times)
@@ -175,6 +182,9 @@ def _mesh_defects(project, summary):
         yield checks_ground.stiff_joint(
             joint.surface, joint.bound()[0], summary.price, impedance, band
         )
+    yield checks_ground.removable_blocks(
+        summary.removable, summary.blocks, summary.removable_volume
+    )
     yield checks_ground.short_model(float(np.ptp(points[:, 0])), rocks, centre)
     boundaries = project.model.boundaries
     viscous = {b.surface for b in boundaries if isinstance(b, Viscous)}
@@ -373,10 +383,10 @@ def expected_error(rows, accuracy: float) -> Finding | None:
     )
 
 
-def band_finding(project, band: Band, seconds: float | None = None) -> Finding | None:
+def band_finding(project, band: Band) -> Finding | None:
     """D40: a run that holds less than the band of its blast; None where it holds it.
 
-    ``seconds`` are those of the run, where they are known. It fails no project that states the
+    It fails no project that states the
     band of its comparison, whose mesh carries that, and whose run holds a third of the peak and a
     ninth of the energy of its blast.
     """
@@ -394,7 +404,7 @@ def band_finding(project, band: Band, seconds: float | None = None) -> Finding |
         f"to {plain_number(band.needed)} Hz: {100 * band.energy_share:.2g} % of the energy and "
         f"{100 * band.peak_share:.2g} % of the peak of what enters are in the run. '"
         f"{band.limited_by}' decides that.{_steep_front(project)}"
-        f"{_price(project, band, seconds)} Peaks are those of "
+        f"{_price(project, band)} Peaks are those of "
         f"motion below {plain_number(band.carried)} Hz; frequencies and limits are not compared.",
         failed=compared is None or NEARLY * compared[1] > band.carried or not band.of_its_blast,
         numbers={"carried": band.carried, "needed": band.needed, "energy": band.energy_share,
@@ -414,7 +424,7 @@ def _steep_front(project):
     )
 
 
-def _price(project, band, seconds):
+def _price(project, band):
     """Return what a mesh for the band of the blast would cost, a sentence."""
     model = project.model
     ratio = {name: band.needed / hz for name, hz in model.highest_frequency().items()}
@@ -422,17 +432,13 @@ def _price(project, band, seconds):
     if max(ratio.values()) <= 1.0:
         return " Its mesh carries more; raise low_pass_hz."
     edge = float(model.mean_edges()[band.limited_by]) / ratio[band.limited_by]
-    counts = np.bincount(model.mesh.zone_group, minlength=len(model.mesh.groups))
-    finer = [max(1.0, ratio.get(name, 1.0)) ** 3 for name in model.mesh.groups]
-    zones, now = float(counts @ finer), len(model.mesh.zones)
-    longer = zones / now * max(ratio.values())
-    wait = f"{plain_number(longer, 2)} times the run time"
-    if seconds is not None:
-        minutes = [plain_number(max(0.1, time / 60.0), 2) for time in (longer * seconds, seconds)]
-        wait = f"{minutes[0]} min in place of {minutes[1]}"
+    finer = f" Edges of {plain_number(edge, 2)} m there"
+    if project.cost is None:
+        return f"{finer} carry it."
+    other = project.price(at_frequency(project.sized, max(ratio.values())))
     return (
-        f" Edges of {plain_number(edge, 2)} m there, in all about {plain_number(zones, 2)} zones "
-        f"in place of {now}, carry it in about {wait}."
+        f"{finer}, in all about {plain_number(other.zones, 2)} zones, carry it in about "
+        f"{in_minutes(other.minutes)} in place of {in_minutes(project.cost.minutes)}."
     )
 
 

@@ -1,8 +1,7 @@
 """Summary of a model, and findings about its mesh, ground, joints, damping and boundaries."""
 
 import math
-import time
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -14,8 +13,8 @@ from ..mesh.mesh import quality, surface_areas, zone_volumes
 from ..mesh.quality import count_blocks
 from ..model.joint import infill_stiffness
 from ..model.terrain import burdens
-from ..solver import assembly, preparation, run
-from ..solver.edge_springs import run_bytes
+from ..simulation.estimate import cost_of
+from ..solver import assembly
 from ..solver.initial_stress import joint_pressures
 from ..solver.loads import surface_impedance
 from ..units import plain_number
@@ -340,9 +339,6 @@ def beyond_memory(needed, free):
     )
 
 
-TRIAL_STEPS = 40
-
-
 @dataclass(frozen=True)
 class MaterialSummary:
     """Summary of one material in the mesh: counts, sizes, implicit zones; SI."""
@@ -383,8 +379,8 @@ class ModelSummary:
         Zones too small for the time step, which are taken implicitly.
     steps : int
     memory : float, bytes
-    seconds : float or None
-        Estimated time of the dynamic stage, from a few steps; None if not measured.
+    seconds : float
+        Estimated time of the dynamic stage on the threads of a run.
     """
 
     elements: str
@@ -403,25 +399,21 @@ class ModelSummary:
     implicit: int
     steps: int
     memory: float
-    seconds: float | None
+    seconds: float
 
 
-def summarise_model(project, measure=False, progress=None) -> ModelSummary:
+def summarise_model(project, progress=None) -> ModelSummary:
     """Summarise the model of a project.
 
     Parameters
     ----------
     project : Project
-    measure : bool
-        Whether to run a few steps to estimate the run time.
     progress : callable, optional
         Called with (stage, done, total) during the search for the time step.
     """
     model = project.model
-    geometry, limit = assembly.geometry_arrays(model, progress=progress)
-    if measure and progress is not None:
-        progress("timing", 0, 1)
-    n_steps = int(np.ceil(project.duration / geometry["dt"]))
+    dt, limit = assembly.time_step(model, progress)
+    cost = cost_of(model, project.duration)
     mass = model.zone_values("density") * zone_volumes(model.mesh)
     blocks = count_blocks(model.mesh, ("top", *project.config.boundaries.free))
     return ModelSummary(
@@ -429,19 +421,19 @@ def summarise_model(project, measure=False, progress=None) -> ModelSummary:
         groups=_groups(model, mass, limit.implicit.zones),
         zones=len(model.mesh.zones),
         nodes=len(model.nodes.points),
-        contacts=len(geometry["contact_area"]),
+        contacts=0 if model.nodes.contacts is None else len(model.nodes.contacts.area),
         blocks=len(blocks.volumes),
         removable=int(blocks.removable.sum()),
         removable_volume=float(blocks.volumes[blocks.removable].max(initial=0.0)),
-        dt=float(geometry["dt"]),
+        dt=float(dt),
         undamped_dt=limit.undamped,
         limited_by=limit.limited_by,
         joint=limit.joint,
         price=limit.price,
         implicit=int(limit.implicit.zones.sum()),
-        steps=n_steps,
-        memory=run_bytes(model, n_steps * (1 + len(model.receivers))),
-        seconds=_measured(model, float(geometry["dt"]), n_steps) if measure else None,
+        steps=int(cost.steps),
+        memory=cost.memory,
+        seconds=60.0 * cost.minutes,
     )
 
 
@@ -473,14 +465,6 @@ def _groups(model, mass, implicit):
 def frequency_of_edge(speed, edge, edges_per_wavelength=10.0):
     """Return the highest frequency in Hz that zones of an edge in m carry; eq. (1) of the paper."""
     return speed / (edges_per_wavelength * edge)
-
-
-def _measured(model, dt, n_steps):
-    """Estimate the run time in s from a few steps without the static stage."""
-    trial, duration = replace(model, insitu=None), TRIAL_STEPS * dt
-    prepared, began = preparation.prepare(trial, duration), time.perf_counter()
-    run.simulate(trial, duration, prepared=prepared)
-    return n_steps * (time.perf_counter() - began) / prepared.n_steps
 
 
 def boundary_defects(project):
@@ -546,6 +530,29 @@ def stiff_joint(
         f"ground alone; one of {enough / 1e9:.2g} GPa/m delays waves up to {top:.3g} Hz by no more "
         f"than {CLOSED:g} radian: {advice}.",
         numbers={"price": price, "stiffness": stiffness, "enough": enough},
+    )
+
+
+def removable_blocks(count: int, blocks: int, largest: float) -> Finding | None:
+    """D48: blocks of a free surface that joints alone hold; None where there is none.
+
+    Parameters
+    ----------
+    count, blocks : int
+        Removable ones, and all.
+    largest : float, m3
+        Volume of the largest removable one.
+    """
+    if not count:
+        return None
+    return Finding(
+        "D48",
+        "Blocks can leave the free surface",
+        f"{count} of {blocks} blocks could move out past their joints (Goodman and Shi, without "
+        f"regard to friction and weight), the largest of {plain_number(largest, 3)} m3: joints "
+        "alone hold them. Turn the sets or move the face where the rock there has none, or read "
+        "their motion as that of loose blocks.",
+        numbers={"removable": float(count), "largest": largest},
     )
 
 

@@ -1,4 +1,4 @@
-"""Elastic ground around sources of given moment: inside it a level of a law says nothing."""
+"""Ground that is elastic in a run: around sources of given moment, soil at strain."""
 
 from dataclasses import dataclass, replace
 
@@ -13,6 +13,7 @@ from ..model.joint import Joint
 from ..model.material import Damping, Elastic
 from ..model.model import Model
 from ..model.source import Column, Hole, MomentTensor
+from ..signals.seismogram import Seismogram
 from ..solver.initial_stress import insitu_stress, joint_pressures
 from ..units import plain_number
 
@@ -20,6 +21,8 @@ SUFFIX = " (elastic)"
 INSTANTS = 2000  # of the sum of moments
 ALWAYS_ELASTIC = Damping(0.0, 1.0)
 HALF_WAY = 0.5
+SOFT = 800.0  # m/s: S speed below which ground is soil, EN 1998-1 table 3.1
+ELASTIC_STRAIN = 1e-4  # shear strain up to which soil is elastic; Vucetic (1994)
 
 
 @dataclass(frozen=True, eq=False)
@@ -215,3 +218,40 @@ def elastic_finding(ground: ElasticGround | None, receivers) -> Finding | None:
         "D42", "The ground around the sources is kept elastic", text, failed=bool(reached),
         numbers={"radius": radius} | reached,
     )  # fmt: skip
+
+
+def soil_strain(model: Model, simulated: dict[str, Seismogram]) -> Finding | None:
+    """D47: soil that is elastic in a run and strained beyond that; None where there is none.
+
+    Parameters
+    ----------
+    model : Model
+    simulated : dict of str to Seismogram
+        By receiver.
+
+    Notes
+    -----
+    The shear strain of a wave is at most its peak velocity over the S speed; Newmark (1967).
+    """
+    if not model.receivers:
+        return None
+    mesh, strained = model.mesh, {}
+    zones, _ = locate_in_zones(mesh, np.array([each.position for each in model.receivers]))
+    for receiver, number in zip(model.receivers, mesh.zone_group[zones], strict=True):
+        soil = model.materials[mesh.groups[number]]
+        strain = float(np.linalg.norm(simulated[receiver.name].velocity, axis=1).max()) / soil.cs
+        if soil.cs < SOFT and not soil.yields and strain > ELASTIC_STRAIN:
+            strained[receiver.name] = strain, mesh.groups[number]
+    if not strained:
+        return None
+    worst = max(strained, key=lambda name: strained[name][0])
+    strain, ground = strained[worst]
+    return Finding(
+        "D47",
+        "Soil is strained beyond its elastic range",
+        f"At {worst} {ground!r} has a shear strain of up to {strain:.2g}; {len(strained)} "
+        f"receivers have more than {ELASTIC_STRAIN:g}: such soil is softer and damps more than in "
+        "the run, where it is elastic. Frequencies there are lower, and peaks mostly; lower cs and "
+        "qs to what they are at that strain.",
+        numbers={"strain": strain, "receivers": float(len(strained))},
+    )

@@ -12,7 +12,7 @@ from ..blasts.blast import Blast, Firing
 from ..config.config import Config, check_config, read_config
 from ..config.ground import BoundariesConfig, GroundConfig, MeshConfig
 from ..config.section import changed_tables, value_at
-from ..errors import InputError, named_error
+from ..errors import Finding, InputError, named_error
 from ..ground.ground import Ground
 from ..ground.surface import welded_surfaces
 from ..ground.tables import (
@@ -37,6 +37,7 @@ from ..readers.provenance import ReadLog
 from ..recordings.recording import Recording
 from ..signals.seismogram import Seismogram
 from ..simulation.accuracy import Accuracy
+from ..simulation.estimate import Cost, beyond_budget, estimate
 from ..simulation.recipe import (
     BETTER,
     FINER_ERROR,
@@ -230,14 +231,46 @@ class Project:
         return self._kept(self.geometry, self._mesh_ground)
 
     def _mesh_ground(self):
-        """Build the mesh of the ground, not split."""
+        """Build the mesh of the ground, not split; refuse one of the program's choice if dear."""
+        if self.sized is not self.ground and self.dear is not None:
+            raise InputError(f"{self.path.name}: mesh.minutes: {self.dear.text}")
+        with named_error(self.path.name):
+            return mesh_ground(self.ground, self._places, self._top, self._model_on)
+
+    @property
+    def _places(self):
+        """What of sources and receivers decides how the ground is cut."""
         config = self.config
         received = config.receivers or self.survey.receivers is not None
         moments = bool(config.holes_inside or config.moment_tensors)
         near = bool((moments or config.point_forces) and received)
-        stations = Stations(positions_of(self), self.reach, moments, near)
+        return Stations(positions_of(self), self.reach, moments, near)
+
+    @cached_property
+    def sized(self) -> Ground:
+        """The ground with the frequency that the blast asks its mesh to carry, if no key does."""
         with named_error(self.path.name):
-            return mesh_ground(self.ground, stations, self._top, self._model_on)
+            return sized_by_blast(self.ground, self._top)
+
+    @cached_property
+    def cost(self) -> Cost | None:
+        """What a run costs, before a mesh is built; None where the mesh is read from a file."""
+        return self.price(self.sized.mesh)
+
+    def price(self, mesh: MeshConfig) -> Cost | None:
+        """Return what a run costs with another table of the mesh."""
+        factor = self.config.run.step_factor
+        factors = STEP_FACTOR if factor is None else dict.fromkeys(STEP_FACTOR, factor)
+        ground, duration = replace(self.ground, mesh=mesh), self.shots[0].duration
+        with named_error(self.path.name):
+            return estimate(ground, self._places, self._top, duration, factors)
+
+    @cached_property
+    def dear(self) -> Finding | None:
+        """D49: the run takes longer than its budget; what would be affordable."""
+        if self.cost is None:
+            return None
+        return beyond_budget(self.cost, self.sized, self.price, self.shots[0].unfiltered)
 
     def _kept(self, key, build):
         """Return a mesh of the shared store, built where it is new; the first ones stay in it."""
@@ -265,7 +298,7 @@ class Project:
 
     def refined(self, error: float = FINER_ERROR) -> MeshConfig | None:
         """Return the table of a mesh with another error over that of the mesh, if there is one."""
-        frequency = sized_by_blast(self.ground, self._top).frequency
+        frequency = self.sized.frequency
         return sizes_for_error(self.ground, self.meshed.mesh, frequency, error)
 
     def suited(self, finer: bool = False) -> "Project":

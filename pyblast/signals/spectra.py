@@ -121,8 +121,6 @@ def smoothed_spectrum(seismogram: Seismogram, bandwidth: float = BANDWIDTH) -> S
 @lru_cache(maxsize=8)
 def _smoothing(n_padded, dt, duration, bandwidth):
     """Return centres (500,) in Hz and the windows around them, sparse (500, n_frequencies)."""
-    from obspy.signal.konnoohmachismoothing import konno_ohmachi_smoothing_window  # slow to load
-
     frequency = scipy.fft.rfftfreq(n_padded, dt)
     centres = np.geomspace(1.0 / duration, frequency[-1], N_SMOOTHED)
     reach = 10.0 ** (3.0 * math.pi / bandwidth)
@@ -131,7 +129,7 @@ def _smoothing(n_padded, dt, duration, bandwidth):
     strides = np.clip((last - first) // N_LINES, 1, PADDING // 2)
     near = [np.arange(*ends) for ends in zip(first, last, strides, strict=True)]
     weight = [
-        konno_ohmachi_smoothing_window(frequency[window], centre, bandwidth, normalize=True)
+        _window(frequency[window], centre, bandwidth)
         for window, centre in zip(near, centres, strict=True)
     ]
     ends = np.cumsum([0, *map(len, near)])
@@ -139,6 +137,15 @@ def _smoothing(n_padded, dt, duration, bandwidth):
     return centres, scipy.sparse.csr_array(
         (np.concatenate(weight), np.concatenate(near), ends), shape
     )
+
+
+def _window(frequency, centre, bandwidth):
+    """Return the weights (n,) of frequencies around a centre: (sin x / x)^4, x = b log10 f/c."""
+    weight = np.where(frequency == centre, 1.0, 0.0)
+    other = (frequency > 0.0) & (frequency != centre)
+    x = bandwidth * np.log10(frequency[other] / centre)
+    weight[other] = (np.sin(x) / x) ** 4
+    return weight / weight.sum()
 
 
 def multitaper_spectrum(seismogram: Seismogram, time_bandwidth: float = 4.0) -> Spectrum:

@@ -319,6 +319,10 @@ class Accuracy:
         for name, height in self.heights.items():
             own = group == mesh.groups.index(name) if name in mesh.groups else np.zeros(0, int)
             edge[own] = np.minimum(edge[own], THIN * height / self.model.edges_per_wavelength)
+        for name, carried in self.model.thin_layers.items():
+            own = group == mesh.groups.index(name)
+            flat = speed[own] / (self.model.edges_per_wavelength * carried)
+            edge[own] = np.minimum(edge[own], flat)
         travel = max(float(time.sum()), 1e-300)
         rate = float(time @ (wanted * edge / speed) ** power) / travel
         waves = np.maximum(frequency * travel, WAVELENGTHS) / WAVELENGTHS

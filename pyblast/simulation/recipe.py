@@ -22,7 +22,7 @@ from ..mesh.hexahedral.mapped import Builder, Fine, NotMapped
 from ..mesh.mesh import Mesh, zone_edge_lengths
 from ..mesh.quality import explicit_work
 from ..model.material import ConstantQ
-from ..model.model import Model
+from ..model.model import HEX_NODES, Model
 from ..model.thin_layers import share_of_edge
 from ..solver.injection import LOWEST_ORDER, injected_sources
 from ..solver.moment_density import edges_near
@@ -52,9 +52,7 @@ RING = 2.2  # edges from a source to an open side, with which it can be injected
 STEP = 0.67  # of the edge before, of the edges that are tried around sources
 LISTED = 3  # rows of a survey in a sentence
 SIZED = ("layers", "refinements")  # parts of the mesh with edges of their own
-OF_EDGE = 0.118  # volume of a regular tetrahedron over the cube of its edge
 ROUGH = 1.15  # of a frequency, for edges of tetrahedra to carry it on any way
-MOST_ZONES = 1_000_000  # of tetrahedra whose edges nobody gave
 TETRAHEDRA = {True: 3.0, False: 10.0}  # edges per wavelength of quadratic and of linear ones
 
 
@@ -96,6 +94,11 @@ class Stations:
     reach: float
     explosive: bool = False
     near: bool = False
+
+    @property
+    def lowest_order(self) -> int:
+        """Lowest order of hexahedra that resolves the sources."""
+        return LOWEST_ORDER if self.explosive else 2
 
     @property
     def highest_source(self) -> float:
@@ -159,8 +162,8 @@ def _meshed(ground, stations, model_on):
         mesh = make_mesh(ground.mesh, ground.materials, ground.folder, log=ground.log)
         return Meshed(mesh, "tetrahedra: the mesh is read from a file", as_built(mesh, None))
     asked, wave = ground.geometry, shortest_wave(ground)
-    obstacle = None if kind == "tetrahedra" else _obstacle(ground)
-    if kind != "tetrahedra" and obstacle is None:
+    obstacle = obstacle_to_hexahedra(ground)
+    if obstacle is None:
         try:
             build = partial(_hexahedra, ground, stations, wave=wave)
             meshed = build(asked)
@@ -172,7 +175,7 @@ def _meshed(ground, stations, model_on):
             f"mesh.kind: 'hexahedra' do not serve this ground: {obstacle}; take 'auto' or "
             "'tetrahedra'"
         )
-    reason = "tetrahedra, as mesh.kind asks for" if obstacle is None else f"tetrahedra: {obstacle}"
+    reason = f"tetrahedra: {obstacle}" if kind == "auto" else "tetrahedra, as mesh.kind asks for"
     return _tetrahedra(ground, stations, asked, wave, reason)
 
 
@@ -191,33 +194,14 @@ def sized_by_blast(ground: Ground, top: Callable[[], float | None]) -> Ground:
             "frequency_hz or grid_cells"
         )
     carrying = replace(ground, mesh=mesh.model_copy(update={"frequency_hz": highest}))
-    obstacle = None if mesh.kind != "tetrahedra" else "mesh.kind asks for tetrahedra"
-    obstacle = obstacle or _obstacle(carrying)
-    return carrying if obstacle is None else _affordable(carrying, obstacle)
-
-
-def _affordable(ground, obstacle):
-    """Return a ground of tetrahedra for its frequency, or refuse one without end."""
-    mesh = ground.mesh
-    mesh = mesh.model_copy(update={"frequency_hz": ROUGH * mesh.frequency_hz})
-    rocks = [ground.materials[part.material] for part in mesh.layers]
-    edges = [rock.cs / (TETRAHEDRA[mesh.quadratic] * mesh.frequency_hz) for rock in rocks]
-    size = np.array(mesh.size_m) + np.array([2.0, 2.0, 1.0]) * (mesh.padding_m or 0.0)
-    thick = [part.thickness_m or size[2] for part in mesh.layers]
-    counts = [
-        size[0] * size[1] * height / (OF_EDGE * edge**3)
-        for height, edge in zip(thick, edges, strict=True)
-    ]
-    if sum(counts) > MOST_ZONES:
-        worst = int(np.argmax(counts))
-        raise InputError(
-            f"mesh: {mesh.layers[worst].material!r} needs edges of {edges[worst]:.2g} m to carry "
-            f"the {mesh.frequency_hz:.3g} Hz of the blast, in all about {sum(counts):.1g} zones, "
-            f"since the ground is cut into tetrahedra: {obstacle}. Mend that, or set "
-            "mesh.quadratic = true, or give mesh.edge_m and see by finding D40 what the run holds"
-        )
-    padding = mesh.padding_edge_m and max(mesh.padding_edge_m, *edges)
-    return replace(ground, mesh=mesh.model_copy(update={"padding_edge_m": padding}))
+    if obstacle_to_hexahedra(carrying) is None:
+        return carrying
+    mesh = mesh.model_copy(update={"frequency_hz": ROUGH * highest})
+    if mesh.padding_edge_m is not None:
+        least = mesh.frequency_hz * TETRAHEDRA[mesh.quadratic]
+        edges = [ground.materials[part.material].cs / least for part in mesh.layers]
+        mesh = mesh.model_copy(update={"padding_edge_m": max(mesh.padding_edge_m, *edges)})
+    return replace(ground, mesh=mesh)
 
 
 def _resolving(ground, stations, meshed, asked, model_on, build):
@@ -309,7 +293,7 @@ def _around(source, margin):
 
 def _tetrahedra(ground, stations, asked, wave, reason):
     """Return a mesh of tetrahedra, cut more sharply where the first cut bends planes."""
-    materials, folder, parts = ground.materials, ground.folder, _with_edges(ground)
+    materials, folder, parts = ground.materials, ground.folder, with_edges(ground)
     asked = replace(asked, faults=(*asked.faults, *make_fractures(parts, folder, ground.log)))
     sharp = SHARP * wave / TETRAHEDRA[parts.quadratic]
     edges = [layer.edge_m or parts.edge_m or 0.0 for layer in (parts, *parts.layers)]
@@ -358,7 +342,7 @@ def shortest_wave(ground: Ground) -> float:
     return min(waves, default=np.inf)
 
 
-def _with_edges(ground):
+def with_edges(ground: Ground) -> MeshConfig:
     """Return the `MeshConfig` with edges of tetrahedra by frequency in layers without any."""
     mesh, top = ground.mesh, ground.frequency
     if mesh.grid_cells is not None or top is None:
@@ -464,9 +448,11 @@ def edge_factor(error: float) -> float:
     return max(error, FINER_ERROR) ** (math.log(FINER_EDGE) / math.log(FINER_ERROR))
 
 
-def _obstacle(ground):
+def obstacle_to_hexahedra(ground: Ground) -> str | None:
     """Return what stands in the way of hexahedra before the planes are looked at, or None."""
     mesh, sides, materials = ground.mesh, ground.boundaries, ground.materials
+    if mesh.kind == "tetrahedra":
+        return "mesh.kind asks for tetrahedra"
     if mesh.file is not None:
         return "the mesh is read from a file"
     if mesh.fractures:
@@ -508,7 +494,7 @@ def _hexahedra(ground, stations, geometry, wave, lines=None):
     Tetrahedra are cut into hexahedra where no other serves, then once more with half the edges.
     """
     order, reasons = ground.mesh.order, {}
-    lowest = LOWEST_ORDER if stations.explosive else 2
+    lowest = stations.lowest_order
     orders = [each for each in ORDERS if each >= lowest]
     plain = mapped.is_plain(geometry)
     builders = {PLAIN: mapped.build_mapped} if plain else BUILDERS
@@ -599,11 +585,19 @@ def thin_layers(ground: Ground, stations: Stations) -> dict[str, float]:
 
 
 def layer_sizes(ground: Ground, stations: Stations, order: int) -> np.ndarray:
-    """Return width and height (n_layers, 2) in m of the hexahedra of each layer."""
+    """Return width and height (n_layers, 2) in m of the hexahedra of each layer.
+
+    Thin ones are as wide as `Model.highest_frequency` asks for, too.
+    """
     parts, thin = ground.mesh.layers, thin_layers(ground, stations)
     high = np.array([_size(ground, part, order, stations.reach) for part in parts])
+    if not thin:
+        return np.column_stack([high, high])
     share = np.array([thin.get(part.material, 0.0) for part in parts])
-    return np.column_stack([np.maximum(high, share * high[share == 0.0].min()), high])
+    speeds = np.array([ground.materials[part.material].cs for part in parts])
+    known = order * speeds / (HEX_NODES * ground.frequency)
+    across = np.minimum(high, known)[share == 0.0].min()
+    return np.column_stack([np.maximum(high, share * across), high])
 
 
 def _size(ground, part, order, reach):

@@ -194,12 +194,29 @@ def run_bytes(model: Model, n_samples: int = 0, n_loaded: int = 0) -> float:
     counts = np.array([len(nodes.zone_nodes), len(nodes.points), n_contacts])
     n_yielding = np.count_nonzero(model.yielding())
     rates = {branch.rate for group in model.mesh.groups for branch in model.branches(group)}
-    held = (HELD_QUADRATIC if nodes.quadratic else HELD) @ counts + YIELDING_HELD * n_yielding
-    held += RELAXING * len(nodes.points) * max(0, len(rates) - 1)
+    held = held_bytes(counts, nodes.quadratic, len(rates), n_yielding)
     total = ALWAYS + (
         held if nodes.quadratic else max(held, _assembly_bytes(model, counts, n_yielding))
     )
     return float(total) + SAMPLE_BYTES * n_samples + HISTORY_BYTES * n_loaded
+
+
+def held_bytes(counts: np.ndarray, quadratic: bool, n_rates: int, n_yielding: float) -> float:
+    """Return what a run holds in bytes.
+
+    Parameters
+    ----------
+    counts : (3,) float64
+        Of zones, nodes, contacts.
+    quadratic : bool
+        Whether zones are of order 2 or higher.
+    n_rates : int
+        Of relaxation.
+    n_yielding : float
+        Zones that may yield.
+    """
+    held = (HELD_QUADRATIC if quadratic else HELD) @ counts + YIELDING_HELD * n_yielding
+    return float(held + RELAXING * counts[1] * max(0, n_rates - 1))
 
 
 def _assembly_bytes(model, counts, n_yielding):

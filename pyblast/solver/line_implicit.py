@@ -1,5 +1,6 @@
 """Line-implicit layers: thin layers of hexahedra, implicit along their lines of nodes."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -55,43 +56,91 @@ def largest_on_line(order: int) -> float:
 
 def _gradients(model, zones):
     """Return the lengths (n, 3) of the gradients of the coordinates of zones in 1/m, the most."""
-    inverse = np.linalg.inv(model.spectral.jacobian[zones])
-    return np.linalg.norm(inverse, axis=-1).max(axis=1)
+    mesh = model.mesh
+    if mesh.places is None:  # straight edges: the corners have the extremes
+        jacobian = hexahedra.jacobians(mesh.points[mesh.zones[zones]], 1)
+    else:
+        jacobian = model.spectral.jacobian[zones]
+    return np.linalg.norm(np.linalg.inv(jacobian), axis=-1).max(axis=1)
 
 
 def steps_of_zones(model: Model) -> tuple[np.ndarray, np.ndarray]:
-    """Return bounds of the critical step of zones alone, explicit and line-implicit, (n_zones,) s.
+    """Return the bounds `steps_of_gradients` of all zones of a model, (n_zones,) s."""
+    moduli, density = model.stiffest_moduli(), model.zone_values("density")
+    return steps_of_gradients(_gradients(model, slice(None)), moduli, density, model.mesh.order)
+
+
+def steps_of_gradients(
+    gradients: np.ndarray, moduli: tuple[np.ndarray, np.ndarray], density: np.ndarray, order: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return bounds of the critical step of zones alone, explicit and line-implicit, (n,) s.
 
     Without damping; exact for no zone, safe for bricks: theory.md (2.57).
+
+    Parameters
+    ----------
+    gradients : (n, 3) float64, 1/m
+        Lengths of the gradients of the coordinates, two over the edges of bricks.
+    moduli : tuple of 2 (n,) float64, Pa
+        Lame moduli.
+    density : (n,) float64, kg/m3
+    order : int
+
+    Examples
+    --------
+    >>> cube, speeds = np.full((1, 3), 2.0 / 10.0), (np.array([1e10]), np.array([1e10]))
+    >>> [round(1e3 * float(step[0]), 3) for step in steps_of_gradients(cube, speeds, 2500.0, 4)]
+    [0.246, 0.092]
     """
-    lame, shear = model.stiffest_moduli()
-    density = model.zone_values("density")
-    squares = np.sort(_gradients(model, slice(None)) ** 2, axis=1)
-    squares *= largest_on_line(model.mesh.order)
+    lame, shear = moduli
+    squares = np.sort(gradients**2, axis=1) * largest_on_line(order)
     whole = (lame + 2.0 * shear) / density * squares.sum(axis=1)
     across = 2.0 * WEIGHT * (lame + shear) / density * squares[:, :2].sum(axis=1)
     return 2.0 / np.sqrt(whole), 2.0 / np.sqrt(across / SHARE)
 
 
-def line_zones(model: Model) -> np.ndarray:
-    """Return which zones a run takes implicitly along their lines of nodes, (n_zones,) bool.
+def line_zones(model: Model, bounds: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
+    """Return which zones a run takes implicitly along their lines, (n_zones,) bool.
 
-    Those of the layers without which the step is so much longer that the run is cheaper by
-    `LEAST_GAIN`: none in most grounds.
+    ``bounds`` are the `steps_of_zones`.
     """
-    none = np.zeros(len(model.mesh.zones), dtype=bool)
-    group = model.mesh.zone_group
-    if len(model.mesh.groups) < 2:
-        return none
-    explicit, implicit = steps_of_zones(model)
-    least = np.full(len(model.mesh.groups), np.inf)
-    np.minimum.at(least, group, explicit)
-    best, chosen = explicit.min() / LEAST_GAIN, none
-    for number in np.argsort(least)[:-1]:
-        more = chosen | (group == number)
+    group, n_groups = model.mesh.zone_group, len(model.mesh.groups)
+    if n_groups < 2:
+        return np.zeros(len(group), dtype=bool)
+    least = np.full((2, n_groups), np.inf)
+    for row, steps in zip(least, bounds, strict=True):
+        np.minimum.at(row, group, steps)
+    count = np.bincount(group, minlength=n_groups)
+    return line_groups(*least, count, lambda chosen: _upright(model, chosen[group]))[group]
+
+
+def line_groups(
+    explicit: np.ndarray,
+    implicit: np.ndarray,
+    count: np.ndarray,
+    upright: Callable[[np.ndarray], bool],
+) -> np.ndarray:
+    """Return which groups a run takes implicitly along their lines of nodes, (n_groups,) bool.
+
+    Those without which the step is so much longer that the run is cheaper by `LEAST_GAIN`: none in
+    most grounds.
+
+    Parameters
+    ----------
+    explicit, implicit : (n_groups,) float64, s
+        Least steps of `steps_of_gradients`.
+    count : (n_groups,) int
+        Zones.
+    upright : callable
+        ``(groups) -> bool``: whether lines across these serve.
+    """
+    best, chosen = explicit.min() / LEAST_GAIN, np.zeros(len(count), dtype=bool)
+    for number in np.argsort(explicit)[:-1]:
+        more = chosen.copy()
+        more[number] = True
         step = min(explicit[~more].min(), implicit[more].min())
-        gain = step / (1.0 + NODE_COST * np.mean(more))
-        if gain <= best or not _upright(model, more):
+        gain = step / (1.0 + NODE_COST * count[more].sum() / count.sum())
+        if gain <= best or not upright(more):
             break
         best, chosen = gain, more
     return chosen

@@ -214,10 +214,11 @@ def critical_step_of_hexahedra(
     The viscosity of the absorbing layer counts with the largest frequency of its own zones. Of
     line-implicit zones the bound (2.57) holds, with a part of their mass; the rest has that left.
     """
-    implicit = line_zones(model)
+    bounds = steps_of_zones(model)
+    implicit = line_zones(model, bounds)
     lines, active = implicit.any(), (~implicit,) if implicit.any() else ()
     mass = model.nodes.sums(np.where(implicit, 1.0 - SHARE, 1.0) * mass)
-    of_lines = steps_of_zones(model)[1][implicit].min(initial=np.inf)
+    of_lines = bounds[1][implicit].min(initial=np.inf)
     spring, viscosity = contact_bounds(model)
     squared = largest_eigenvalue(with_joints(model, product_of(mass, *active), mass), mass)
     drag = float((2.0 * viscosity / mass).max())
@@ -238,13 +239,10 @@ def critical_step_of_hexahedra(
     explicit = dt
     if lines:
         part += f"; {np.count_nonzero(implicit)} zones of thin layers are line-implicit"
-        own_steps = steps_of_zones(model)[0]
-        explicit *= float(own_steps.min() / own_steps[~implicit].min())
+        explicit *= float(bounds[0].min() / bounds[0][~implicit].min())
     contacts = np.zeros(len(contact_pairs(model.nodes.contacts)), dtype=bool)
     undamped = min(longest_step(squared, drag), of_lines)
-    return CriticalStep(
-        dt, undamped, part, Implicit(implicit, contacts), explicit, joint, price
-    )
+    return CriticalStep(dt, undamped, part, Implicit(implicit, contacts), explicit, joint, price)
 
 
 def _typical(own):

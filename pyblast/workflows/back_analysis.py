@@ -258,7 +258,7 @@ def findings_before(project: Project) -> list[Finding]:
     """Return the findings before a search: failed checks, the level, then those of the table."""
     table_of(project)  # refused before anything is meshed, if it is missing
     own = findings_of_table(project)
-    checked = check(project, measure=False).findings
+    checked = check(project).findings
     return [*(each for each in checked if each.failed or each.code == LEVEL), *own]
 
 

@@ -12,6 +12,7 @@ from ..errors import Finding, InputError, ReadError
 from ..model.model import Model
 from ..project.checks import Check, check
 from ..project.checks_ground import ModelSummary, summarise_model
+from ..project.elastic_ground import soil_strain
 from ..project.level import CODE as LEVEL
 from ..project.level import (
     Peak,
@@ -149,7 +150,7 @@ def run(
     tell("mesh", 0, 1)
     model = project.model
     tell("check", 0, 1)
-    checked = check(project, measure=False)
+    checked = check(project)
     prepared = preparation.prepare(model, project.duration, progress)
 
     def unfinished(folder: Path) -> bool:
@@ -235,7 +236,7 @@ def conclude_program_run(
     InputError, ReadError
         If the file is damaged or belongs to another model.
     """
-    checked = check(project, measure=False)
+    checked = check(project)
     prepared = preparation.prepare(project.model, project.duration)
     run_ = solver.integrated(project.model, prepared, stored)
     out = project.folder / "results" if out is None else Path(out)
@@ -268,7 +269,8 @@ def _conclude(project: Project, checked: Check, run_: Run, folder: Path) -> Outc
     before = (finding for finding in checked.findings if finding.code not in judged)
     level = level_findings(project, simulated_peaks(project, simulated, complete))
     energy = energy_finding(source_energy(project, run_.energy["input"]))
-    after = (*(() if energy is None else (energy,)), *record_findings(simulated))
+    of_run = energy, soil_strain(project.model, simulated)
+    after = (*(each for each in of_run if each is not None), *record_findings(simulated))
     checked = replace(checked, findings=(*level, *before, *after))
     stages, names = project.input, ("signature", "superposed", "motion")
     groups = {

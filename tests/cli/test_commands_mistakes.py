@@ -31,8 +31,8 @@ def rows(*values):
     return "".join(f"{0.001 * n},{text}\n" for n, text in enumerate(values))
 
 
-def codes(path, measure=False):
-    return {finding.code: finding for finding in check(load_project(path), measure).findings}
+def codes(path):
+    return {finding.code: finding for finding in check(load_project(path)).findings}
 
 
 @pytest.mark.parametrize(
@@ -83,7 +83,7 @@ def test_a_record_that_is_not_there_is_missed_by_the_check(tmp_path):
     path = written(tmp_path, ('name = "R1"', 'name = "R1"\nrecorded = { file = "absent.csv" }'))
 
     with pytest.raises(ReadError, match=r"receivers.R1.recorded: .*absent.csv"):
-        check(load_project(path), measure=False)
+        check(load_project(path))
 
 
 def test_a_project_without_receivers_runs(tmp_path):

@@ -248,7 +248,7 @@ def test_23_no_condition_is_put_between_two_zones(boundary):
 def test_23_a_tagged_interface_between_layers_is_welded_and_said():
     project = load_project(REPORTED / "23-tagged-interface" / "interface.toml")
 
-    notes = check(project, measure=False).notes
+    notes = check(project).notes
 
     assert "Surface contact of the mesh file lies inside: welded, no joint and no side." in notes
     assert {b.surface for b in project.model.boundaries} == {

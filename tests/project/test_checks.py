@@ -50,10 +50,10 @@ def test_d1_says_what_the_soil_carries_and_what_more_would_cost():
 def test_d1_asks_three_edges_of_zones_with_15_nodes(tmp_path):
     project = load_project(written(tmp_path, ("[[mesh.layers]]\nmaterial = \"soil\"",
                            "quadratic = true\n[[mesh.layers]]\nmaterial = \"soil\"")))  # fmt: skip
-    summary = check(project, measure=False).summary
+    summary = check(project).summary
     carried = {group.name: group.highest_frequency for group in summary.groups}
 
-    found = [f for f in check(project, measure=False).findings if f.code == "D1"]
+    found = [f for f in check(project).findings if f.code == "D1"]
 
     assert [f.numbers["carried"] for f in found] == [pytest.approx(carried["soil"])]
     assert checks_loads.coarse_zones("soil", SOIL, 2.7, 1e5, 20.0, 3.0) is None
@@ -149,11 +149,7 @@ def test_d8_a_closing_fault_passes_what_its_tangent_under_the_pressure_passes(tm
         ("tension_kpa = 0", ""), (', "joints.F1.cohesion_kpa"', ""),
     ]  # fmt: skip
     found = [
-        next(
-            f
-            for f in check(load_project(written(tmp_path, *some)), False).findings
-            if f.code == "D8"
-        )
+        next(f for f in check(load_project(written(tmp_path, *some))).findings if f.code == "D8")
         for some in ([], changes)
     ]
 
@@ -271,7 +267,7 @@ def test_d20_too_large_a_charge_fails():
 
 
 def test_a_check_names_the_coarse_material(tmp_path):
-    found = check(load_project(written(tmp_path)), measure=False)
+    found = check(load_project(written(tmp_path)))
 
     first = found.findings[0]
 
@@ -283,13 +279,13 @@ def test_a_check_names_the_coarse_material(tmp_path):
 def test_a_check_finds_both_readings_of_the_boundaries(tmp_path):
     literal = written(tmp_path, ('free = ["top"]', "viscous_and_fixed = true"))
 
-    found = check(load_project(literal), measure=False)
+    found = check(load_project(literal))
 
     assert "east, south, north, bottom" in next(f.text for f in found.findings if f.code == "D5")
 
 
 def test_volumes_and_masses_of_the_materials_add_up(tmp_path):
-    summary = check(load_project(written(tmp_path)), measure=False).summary
+    summary = check(load_project(written(tmp_path))).summary
 
     volume = {g.name: g.volume for g in summary.groups}
 

@@ -109,7 +109,7 @@ def test_stiff_joints_are_no_defect():
 
 
 def test_a_check_tells_what_quiet_sides_take_on_the_way_to_the_receiver(tmp_path):
-    findings = check(load_project(written(tmp_path)), False).findings
+    findings = check(load_project(written(tmp_path))).findings
 
     finding = next(f for f in findings if f.code == "D23")
     assert "bottom, north, south" in finding.text
@@ -123,7 +123,7 @@ def test_rollers_on_the_sides_take_nothing(tmp_path):
         ('"south", "north", "bottom"]', ']\nroller = ["south", "north", "bottom"]'),
     )
 
-    assert "D23" not in [f.code for f in check(load_project(rollers), False).findings]
+    assert "D23" not in [f.code for f in check(load_project(rollers)).findings]
 
 
 SET = """[[mesh.joint_sets]]

@@ -20,7 +20,7 @@ EXAMPLE = Path(__file__).parents[2] / "examples" / "bench" / "project.toml"
 def test_the_example_has_planes_burdens_and_receivers_on_the_ground():
     project = load_project(EXAMPLE)
 
-    found = checks.check(project, measure=False)
+    found = checks.check(project)
 
     (burden,) = (note for note in found.notes if note.startswith("Burden"))
     assert "nearest bench face at its height: 4.27 to 6.53 m" in burden

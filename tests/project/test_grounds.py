@@ -175,7 +175,7 @@ def test_one_fault_in_flat_ground_is_no_reason_for_a_finding(ground):
     """As the quick start: neither facets in the layer nor dashpots behind it are doubtful."""
     project = ground(faults=[fault("F", 70, 90, (60, 45, 60))], force=(30, 40, 41))
 
-    checked = check(project, measure=False)
+    checked = check(project)
 
     assert project.mesh.layer is not None
     assert {"D22", "D37", "D39"}.isdisjoint(finding.code for finding in checked.findings)
@@ -188,7 +188,7 @@ def test_a_joint_that_sets_the_time_step_is_named_with_its_price(ground, kind):
     for stiffness in (5.0, 1e4):
         joint = {"F": JOINT | {"kn_gpa_per_m": stiffness}}
         project = ground(faults=plane, joints=joint, kind=kind)
-        checked = check(project, measure=False)
+        checked = check(project)
         steps[stiffness] = checked.summary.steps
         found = [finding for finding in checked.findings if finding.code == "D45"]
         assert bool(found) == (stiffness > 5.0)
@@ -211,7 +211,7 @@ def test_the_step_of_ground_with_quality_factors_is_found_in_seconds(ground):
     told = []
     began = time.process_time()
 
-    check(project, measure=False, progress=lambda *report: told.append(report))
+    check(project, progress=lambda *report: told.append(report))
 
     assert time.process_time() - began < 20.0  # it was 280 s
     assert 20 <= sum(stage == "step" for stage, _, _ in told) <= 80

@@ -84,7 +84,7 @@ def test_motion_is_that_of_a_point_beyond_the_sphere_and_never_larger(project):
 
 
 def test_receivers_near_a_source_are_named_with_error_and_edge(project):
-    (finding,) = (f for f in check(project, measure=False).findings if f.code == "D38")
+    (finding,) = (f for f in check(project).findings if f.code == "D38")
 
     assert "'east 15' stands 15 m from moment tensor 1, 0.23 of the edge of 65 m" in finding.text
     assert "error up to 75 %; edges of 18.1 m, 170 times the work" in finding.text
@@ -117,7 +117,7 @@ def test_a_uniform_ground_goes_on_until_its_explosion_is_injected_and_every_rece
     records = simulate(wide.model, wide.duration).seismograms
 
     assert "times the work for room around the sources" in wide.meshed.reason
-    assert "D38" not in {finding.code for finding in check(wide, measure=False).findings}
+    assert "D38" not in {finding.code for finding in check(wide).findings}
     assert resolved_receivers(wide, tuple(OFFSETS)) == tuple(OFFSETS)
     assert "up 25" not in resolved_receivers(wide, tuple(OFFSETS), injected=False)
     for name, offset in OFFSETS.items():
@@ -173,7 +173,7 @@ def test_one_times_the_work_and_a_diagnosis_leave_the_mesh_alone(force, project)
 
 
 def test_what_stands_against_an_injection_is_said(project):
-    (finding,) = (f for f in check(project, measure=False).findings if f.code == "D38")
+    (finding,) = (f for f in check(project).findings if f.code == "D38")
 
     assert "Not injected: the absorbing layer lies less than an element" in finding.text
 

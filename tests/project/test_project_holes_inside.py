@@ -77,7 +77,7 @@ def test_hexahedra_have_a_matched_layer_instead_of_a_rim(tmp_path):
 def test_the_example_holds_the_band_of_its_source():
     from pyblast.project.checks import check
 
-    assert not check(load_project(EXAMPLE), measure=False).failed
+    assert not check(load_project(EXAMPLE)).failed
 
 
 def test_the_report_shows_the_sources(project, tmp_path):

@@ -58,7 +58,7 @@ def test_four_metres_of_soil_do_not_set_what_the_rock_sends():
     assert np.array_equal(soil.inside.moment_rate.values, rock.inside.moment_rate.values)
     assert with_soil.limited_by == "soil"
     assert not with_soil.complete
-    (finding,) = (f for f in check(soil, measure=False).findings if f.code == "D40")
+    (finding,) = (f for f in check(soil).findings if f.code == "D40")
     assert finding.failed
     assert "'soil' decides that" in finding.text
     assert "times the run time" in finding.text
@@ -130,6 +130,6 @@ def test_rock_that_yields_at_holes_takes_what_the_level_has():
         run = project.simulate()
         work[yields] = run.energy["input"][-1]
         assert work[yields] < 0.02 * 450.0 * 3.8e6
-        assert "D21" not in {f.code for f in check(project, measure=False).findings}
+        assert "D21" not in {f.code for f in check(project).findings}
 
     assert work[True] == pytest.approx(work[False], rel=0.1)

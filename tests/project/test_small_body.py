@@ -67,7 +67,7 @@ def findings(tmp_path_factory):
     rows = (f"{t:.7f},{f:.6f}" for t, f in zip(times, force, strict=True))
     (folder / "force.csv").write_text("time_s,force_n\n" + "\n".join(rows) + "\n")
     (folder / "block.toml").write_text(BLOCK)
-    return {each.code: each for each in check(load_project(folder / "block.toml"), False).findings}
+    return {each.code: each for each in check(load_project(folder / "block.toml")).findings}
 
 
 def test_no_rule_fails_a_block_whose_mesh_carries_its_band(findings):

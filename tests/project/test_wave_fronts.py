@@ -66,7 +66,7 @@ def test_energy_and_delay_grow_and_fall_with_the_distance(tmp_path):
         project.model.boundaries[-1].seismogram, face_areas(project)
     )  # of the single hole, alike on the face
     assert energy == pytest.approx(plane * np.mean((39.0 / away) ** 3.2), rel=0.02)
-    assert "D6" not in {finding.code for finding in check(project, measure=False).findings}
+    assert "D6" not in {finding.code for finding in check(project).findings}
 
 
 def test_the_input_is_that_of_the_point_opposite_the_first_holes(tmp_path):

@@ -234,7 +234,7 @@ def test_some_sources_low_passed_and_others_not_can_not_stand_beside_a_record(tm
     write_csv(tmp_path / "house.csv", burst(1e-3))
 
     with pytest.raises(InputError, match=r"recorded: .*some of whose sources were low-passed"):
-        check(load_project(path), False)
+        check(load_project(path))
 
 
 def test_a_moment_rate_is_not_found_from_motion_that_holds_a_filter(tmp_path):
@@ -254,4 +254,4 @@ def test_records_beside_sources_without_a_low_pass_are_named_by_a_check(tmp_path
     )  # fmt: skip
     write_csv(tmp_path / "house.csv", burst(1e-3))
 
-    assert "Records to compare with: house." in check(load_project(path), False).notes
+    assert "Records to compare with: house." in check(load_project(path)).notes

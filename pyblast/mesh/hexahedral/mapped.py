@@ -402,6 +402,25 @@ def build_mapped(
     return meshes[0] if len(meshes) == 1 else min(meshes, key=explicit_work)
 
 
+def grid_lines(geometry: Geometry, sizes: Sizes, order: int) -> list[np.ndarray]:
+    """Return the coordinates in m along the axes of the first mapped grid that serves, no mesh.
+
+    Those of the absorbing layer are among them. Of ground without a surveyed surface.
+
+    Raises
+    ------
+    NotMapped
+        If no grid serves.
+    """
+    planes, reasons = planes_of(geometry), []
+    for frame in _frames(geometry, planes):
+        try:
+            return _Grid(geometry, planes, edge_pairs(sizes), order, frame, None, None).axes
+        except NotMapped as reason:
+            reasons.append(reason)
+    raise reasons[0]
+
+
 def is_plain(geometry: Geometry) -> bool:
     """Tell whether all planes of a geometry lie along the axes, and so its grid has no slopes."""
     parts = [fault.unit_normal for fault in geometry.faults]
