@@ -9,7 +9,7 @@ from scipy import linalg, stats
 from scipy.integrate import quad
 
 from pyblast.back_analysis.fit import ALL_LEVELS
-from pyblast.diagnosis.scores import LEVELS
+from pyblast.diagnosis.error import LEVELS
 from pyblast.inference.covariance import record_blocks
 from pyblast.inference.error_model import (
     NORMAL_95,
