@@ -95,12 +95,14 @@ def proof(folder: Path) -> tuple[dict[str, str], dict[str, bytes]]:
 
 
 def demo(folder: Path) -> tuple[dict[str, str], dict[str, bytes]]:
-    """Run the example of the paper and draw its section."""
+    """Run the example of the paper and draw its section and its view."""
     from .quickstart_values import image_of
+    from .view import SHOWN, picture
 
     run("pyblast run examples/gol_e_gohar/project.toml --out demo", folder)
     report = (folder / "demo" / "001" / "report.html").read_text("utf-8")
-    return {}, {"quickstart/gol_e_gohar.png": image_of(report, "Section")}
+    turned = picture(folder, report, 1400, SHOWN["mine"])
+    return {}, {"quickstart/gol_e_gohar.png": image_of(report, "Section"), "view/mine.png": turned}
 
 
 GALLERY = {
@@ -124,15 +126,21 @@ PROJECTS = {
 }  # fmt: skip
 
 
+TURNED = "bench", "fractures"
+
+
 def projects(folder: Path) -> tuple[dict[str, str], dict[str, bytes]]:
-    """Run the small project files and take a figure of each report."""
+    """Run the small project files and take a figure of each report, and the view of some."""
     from .quickstart_values import image_of
+    from .view import SHOWN, picture
 
     images = {}
     for name, title in PROJECTS.items():
         run(f"pyblast run examples/{name}/project.toml --out {name}", folder)
         report = (folder / name / "001" / "report.html").read_text("utf-8")
         images[f"projects/{name}.png"] = image_of(report, title)
+        if name in TURNED:
+            images[f"view/{name}.png"] = picture(folder, report, 1400, SHOWN.get(name, {}))
     return {}, images
 
 
@@ -144,8 +152,10 @@ CHAPTERS = {
     ),
     "proof": Chapter(proof, {"proof": ROOT / "README.md"}, ("concealed.png",)),
     "gallery": Chapter(gallery, {}, tuple(f"gallery/{name}.png" for name in GALLERY)),
-    "projects": Chapter(projects, {}, tuple(f"projects/{name}.png" for name in PROJECTS)),
-    "demo": Chapter(demo, {}, ("quickstart/gol_e_gohar.png",)),
+    "projects": Chapter(projects, {}, (
+        *(f"projects/{name}.png" for name in PROJECTS), *(f"view/{name}.png" for name in TURNED),
+    )),
+    "demo": Chapter(demo, {}, ("quickstart/gol_e_gohar.png", "view/mine.png")),
 }  # fmt: skip
 
 

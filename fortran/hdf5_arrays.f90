@@ -142,14 +142,14 @@ contains
         integer, intent(inout) :: sizes(0:)
         character(len=:), allocatable, intent(inout) :: message
         character(len=60) :: text
-        integer :: i
+        integer :: i, known
 
         do i = 1, size(axes)
             if (sizes(axes(i)) < 0 .and. lengths(i) >= extra(i) .and. lengths(i) < huge(1)) &
                 sizes(axes(i)) = int(lengths(i)) - extra(i)
-            if (lengths(i) == sizes(axes(i)) + extra(i) .or. allocated(message)) cycle
-            write (text, '(a, i0, a, i0)') "' has ", lengths(i), " numbers along an axis of ", &
-                sizes(axes(i)) + extra(i)
+            known = max(sizes(axes(i)), 0)                       ! 0: too short to tell
+            if (lengths(i) == known + extra(i) .or. allocated(message)) cycle
+            write (text, '(a, i0, a, i0)') "' has ", lengths(i), " numbers along an axis of ", known + extra(i)
             message = "'" // name // trim(text)
         end do
     end subroutine match

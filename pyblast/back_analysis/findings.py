@@ -22,6 +22,7 @@ REPEATS = 300
 RISES = (10.0, 50.0)  # % of misfit
 METHODS = {"temperature of 1000": paper, "equation 15": paper_eq15, "random": random_search}
 STRAINED = 3.0  # prior deviations of a held property that are said
+HARDLY = 1.5  # times the model error that good ground explains: above it, but at its edge
 FROM_THE_MIDDLE = ("levenberg", "paper")  # methods that start there
 REVERSED = -0.7  # correlation with the simulation that indicates reversed polarity
 
@@ -261,6 +262,10 @@ def _lacking(result):
         if abs(pulls[worst]) > STRAINED
         else ""
     )
+    if fit.posterior.level < HARDLY * LACK:
+        strained += (
+            " That is hardly more: firing times that scatter more than [priors] says are enough."
+        )
     file = result.target.projects[0].path.name
     yield Finding(
         "D44",

@@ -2,20 +2,22 @@
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..signals.comparison import LimitCurve, load_limits
+from ..errors import Finding
+from ..signals.comparison import BUILDING, LimitCurve, load_limits
 from ..signals.seismogram import Seismogram
-from ..signals.spectra import zero_crossing_frequency
+from ..signals.spectra import dominant_frequency, zero_crossing_frequency
 from ..units import plain_number
 from .peaks import LEVEL, PeakDistribution
 from .published_laws import BY_NAME, HARD_ROCK
 
 ORIENTATION = ("din_4150_dwelling", "usbm_plaster")  # shown where no standard is chosen
+OF_WALLS = ("rock_intact",)  # the same of a wall of rock
 METHOD = "zero crossing at the peak"
 SUM = "vector sum"
 
@@ -47,6 +49,11 @@ class Assessment:
         95 % of such blasts stay below it; NaN for a record, and where no scatter is known.
     level_by : str
         Law that sets the level of a simulated motion, "" where none does.
+    transfer : float
+        Factor on the peak of the free ground to that of the place which the curve judges, 1 where
+        it judges the ground or the factor is not known.
+    spectral_frequency, spectral_limit : float, Hz, m/s
+        Frequency of the same component by its spectrum, and the limit there; NaN where unknown.
     """
 
     receiver: str
@@ -61,6 +68,9 @@ class Assessment:
     charge: float = math.nan
     high: float = math.nan
     level_by: str = ""
+    transfer: float = 1.0
+    spectral_frequency: float = math.nan
+    spectral_limit: float = math.nan
 
     @property
     def share(self) -> float:
@@ -85,6 +95,7 @@ def assess(
     window: tuple[float, float] | None = None,
     receiver: str | None = None,
     error: tuple[PeakDistribution, str] | None = None,
+    transfer: float | None = None,
 ) -> Assessment | None:
     """Compare the peaks of a motion with a limit curve.
 
@@ -100,6 +111,9 @@ def assess(
         The label of the motion by default.
     error : tuple of PeakDistribution and str, optional
         Of the peak over that of the motion (1 as much), and the law that it comes from.
+    transfer : float, optional
+        From the peak of the free ground to that of a place of the building, where the curve judges
+        one.
 
     Returns
     -------
@@ -121,11 +135,23 @@ def assess(
     >>> row.quantity, round(row.frequency, 1), round(1e3 * row.limit, 2), round(row.share, 2)
     ('east', 10.0, 5.0, 0.74)
     """
+    curve, factor = load_limits()[key], 1.0
+    if curve.applies_to in BUILDING and transfer is not None:
+        factor = transfer
     peaks = ComponentPeaks(
-        motion.components, motion.ppv, zero_crossing_frequency(motion).hz, motion.pvs
-    )
+        motion.components, factor * motion.ppv, zero_crossing_frequency(motion).hz,
+        factor * motion.pvs,
+    )  # fmt: skip
     name = motion.label if receiver is None else receiver
-    return assess_peaks(peaks, key, name, kind, window=window, error=error)
+    row = assess_peaks(peaks, key, name, kind, window=window, error=error)
+    if row is None:
+        return None
+    component = row.quantity
+    if component == SUM:
+        component = motion.components[int(np.nanargmax(motion.ppv))]
+    hz = float(dominant_frequency(motion).hz[motion.components.index(component)])
+    limit = math.nan if math.isnan(hz) else limit_at(curve, hz)
+    return replace(row, transfer=factor, spectral_frequency=hz, spectral_limit=limit)
 
 
 class ComponentPeaks(NamedTuple):
@@ -190,8 +216,9 @@ def assess_all(
     windows: dict[str, tuple[float, float] | None],
     curves: Sequence[str],
     errors: Mapping[str, tuple[PeakDistribution, str] | None] = MappingProxyType({}),
+    transfers: Mapping[str, float | None] = MappingProxyType({}),
 ) -> list[Assessment]:
-    """Compare motions of all receivers with limit curves, those for orientation if none is chosen.
+    """Compare motions of all receivers with limit curves.
 
     Parameters
     ----------
@@ -202,6 +229,8 @@ def assess_all(
     curves : sequence of str
     errors : mapping of str to tuple of PeakDistribution and str, or None
         Of simulated peaks by receiver, as `assess`.
+    transfers : mapping of str to float or None
+        Of simulated peaks by receiver, as `assess`; a record is of its own place.
     """
     rows = (
         assess(
@@ -211,12 +240,39 @@ def assess_all(
             window=windows.get(receiver),
             receiver=receiver,
             error=errors.get(receiver) if kind == "simulated" else None,
+            transfer=transfers.get(receiver) if kind == "simulated" else None,
         )
         for kind, at_receivers in motions.items()
         for receiver, motion in at_receivers.items()
-        for key in curves or ORIENTATION
+        for key in curves
     )
     return [row for row in rows if row is not None]
+
+
+def free_field(curves: Sequence[str], receivers: Sequence[str]) -> Finding | None:
+    """D51: free ground beside limits of a place of a building; None where none is compared so.
+
+    Parameters
+    ----------
+    curves : sequence of str
+        Keys of the chosen curves.
+    receivers : sequence of str
+        Names of those whose transfer from the ground to the building is not given.
+    """
+    limits = load_limits()
+    names = [f"{limits[key].name} ({limits[key].applies_to})" for key in curves
+             if limits[key].applies_to in BUILDING]  # fmt: skip
+    if not names or not receivers:
+        return None
+    return Finding(
+        "D51",
+        "Free field: not the quantity of the standard",
+        f"{'; '.join(names)}: judged at that place of the building. The simulation gives the free "
+        f"ground at {_some(receivers)}, so the comparison presumes that both move alike; top "
+        "floors move more. Give receivers.transfer, the peak at that place over that of the free "
+        "ground, from records of one blast at both.",
+        numbers={"receivers": float(len(receivers))},
+    )
 
 
 def conclusion(rows: Iterable[dict], chosen: bool) -> str:
@@ -248,6 +304,7 @@ def conclusion(rows: Iterable[dict], chosen: bool) -> str:
             f"{'above it at ' + _some(over) if over else 'below it everywhere'}."
         )
     words = f"Not allowed at {_some(over)}: {text}." if over else f"Allowed: at most {text}."
+    words += _by_spectrum(known)
     law = unsigned(known)
     if not law:
         return words
@@ -256,6 +313,23 @@ def conclusion(rows: Iterable[dict], chosen: bool) -> str:
         "recorded blast of known holes, charges and distance (pyblast source, pyblast sitelaw). "
         f"By that law {words[0].lower()}{words[1:]}"
     )
+
+
+def _by_spectrum(rows):
+    """Return where the frequency of the spectrum decides differently, as a sentence; or ""."""
+    for row in rows:
+        limit, high = row.get("spectral_limit"), row.get("high")
+        if _missing(limit):
+            continue
+        share = (row["peak"] if _missing(high) else max(row["peak"], high)) / limit
+        if (share > 1.0) != (share_at_level(row) > 1.0):
+            return (
+                f" By the frequency of the spectrum at {row['receiver']}, "
+                f"{plain_number(row['spectral_frequency'])} Hz, the limit is "
+                f"{plain_number(1e3 * limit)} mm/s and the share {_percent(share)} it: both "
+                "frequencies do not decide alike, so say by which one the standard asks."
+            )
+    return ""
 
 
 def share_at_level(row: dict) -> float:
@@ -330,6 +404,11 @@ def explain(row: dict) -> list[str]:
         f"Peak = largest {what} of the {row['kind']} motion = {plain_number(1e3 * peak)} mm/s; "
         f"vector sum, at one instant, {plain_number(1e3 * row['vector_sum'])} mm/s."
     ]
+    if row.get("transfer", 1.0) != 1.0:
+        lines.append(
+            f"Both are {plain_number(row['transfer'])} times those of the free ground, for the "
+            f"{curve.applies_to} (receivers.transfer)."
+        )
     hz, limit = row["frequency"], row["limit"]
     if _missing(hz):
         lines.append(

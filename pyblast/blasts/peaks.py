@@ -2,7 +2,8 @@
 
 import math
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy
@@ -10,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from ..errors import InputError
 
+LEVELS = 101  # of the error of a level
 LEVEL = 0.95  # share of further blasts of which a decision is taken
 
 
@@ -114,6 +116,30 @@ class DrawnPeaks(PeakDistribution):
     def share_below(self, limit: ArrayLike) -> np.ndarray:
         """Return the share of blasts within the limit at each receiver, (n_receivers,)."""
         return np.mean(self.peaks <= limit, axis=0)
+
+    def under(self, errors: Sequence[PeaksOfLaw | None]) -> "DrawnPeaks":
+        """Return the peaks of many blasts under the error of their level at each receiver.
+
+        Parameters
+        ----------
+        errors : sequence of PeaksOfLaw or None
+            Of a level over that of the simulation, median 1; None where it is known.
+
+        Examples
+        --------
+        >>> drawn = DrawnPeaks(("house",), np.full((1, 1), 2e-3))
+        >>> error = PeaksOfLaw(1.0, 0.3, 0.3)
+        >>> round(float(drawn.under([error]).level(0.95)[0] / error.level(0.95)), 2)
+        0.002
+        """
+        shares = (np.arange(LEVELS) + 0.5) / LEVELS
+        factors = [
+            np.ones(LEVELS) if error is None else np.array([error.level(s) for s in shares])
+            for error in errors
+        ]
+        columns = [np.outer(peaks, factor).ravel()
+                   for peaks, factor in zip(self.peaks.T, factors, strict=True)]  # fmt: skip
+        return replace(self, peaks=np.sort(np.column_stack(columns), axis=0))
 
     def coverage(self, peaks: np.ndarray, share: float) -> float:
         """Return the share of other peaks (n_others, n_receivers) within the band."""

@@ -257,6 +257,40 @@ def fit_site_law(
     )  # fmt: skip
 
 
+def site_law_of_exponent(
+    distance: ArrayLike,
+    charge: ArrayLike,
+    ppv: ArrayLike,
+    beta: float,
+    charge_exponent: float = 0.5,
+) -> SiteLaw:
+    """Return the site law of a given exponent, where distances are too few to fit one.
+
+    Parameters
+    ----------
+    distance, charge, ppv, charge_exponent
+        As `fit_site_law`.
+    beta : float
+        Of a published law, such as `pyblast.blasts.published_laws.HARD_ROCK`.
+
+    Raises
+    ------
+    InputError
+        If there are fewer than 6 records, or a value is not positive.
+    """
+    x = np.log10(scaled_distance(distance, charge, charge_exponent))
+    y = np.log10(np.asarray(ppv, dtype=float))
+    if len(x) < FEWEST:
+        raise InputError(f"site law: {len(x)} records; at least {FEWEST} are needed")
+    level = y + beta * x
+    s = float(np.std(level, ddof=1))
+    r2 = 1.0 - float(np.var(level) / max(np.var(y), 1e-300))
+    return SiteLaw(
+        float(10.0 ** level.mean()), beta, charge_exponent, s, len(x), r2, float(x.mean()),
+        math.inf, 10.0 ** np.array([x.min(), x.max()]),
+    )  # fmt: skip
+
+
 def _expected_below(x, y, below):
     """Return the values of a line with those below a level expected, and their summed variance."""
     level, y = y[below], y.copy()

@@ -217,7 +217,7 @@ class Progress:
                 self._task = self._bar.add_task(name, total=total)
         if self._bar is not None and self._task is not None:
             self._bar.update(self._task, completed=done, total=total)
-        elif total > 1 and done / total >= self._shown + 0.1:
+        elif (total > 1 or 0.0 < done < total) and done / total >= self._shown + 0.1:
             self._shown = done / total
             spent = time.perf_counter() - self._began
             rest = spent * (total - done) / (done - self._first) if done > self._first else None
@@ -380,7 +380,10 @@ def show_outcome(outcome: "Outcome") -> None:
         plausible = plausible_of_table(tables[name])
         range_ = "" if plausible is None else f"; plausible {plausible}"
         say(f"{name}: PPV in mm/s {listed}; vector sum {_short(1e3 * seismogram.pvs)}{range_}")
-    say(f"limits: {outcome.result.summary['compliance']['conclusion']}")
+    summary = outcome.result.summary
+    if summary["stability"]:
+        say(f"joints: {summary['stability']['sentence']}")
+    say(f"limits: {summary['compliance']['conclusion']}")
     for name, comparison in outcome.comparisons.items():
         say(f"{name}, recorded and simulated{_band_words(comparison)}:")
         show_comparison(comparison)

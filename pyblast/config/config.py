@@ -342,6 +342,7 @@ class ReceiverConfig(Section):
     position_m: Place
     azimuth_deg: Bearing | None = None
     normal: Point | None = None
+    transfer: Annotated[Positive, Usual(0.1, 10.0)] | None = None
     recorded: RecordingConfig | None = None
 
     @model_validator(mode="after")

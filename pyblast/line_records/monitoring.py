@@ -6,7 +6,7 @@ import warnings
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from datetime import datetime
+from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
@@ -55,11 +55,6 @@ class LoggedBlast:
     charge: float
     practice: Mapping[str, str]
     holes: str = ""
-
-    @property
-    def when(self) -> datetime:
-        """Time, or the midnight before where the log has no clock."""
-        return datetime.fromisoformat(self.time)
 
     @property
     def has_clock(self) -> bool:
@@ -264,7 +259,7 @@ def read_log(path: Path, log: ReadLog | None = None) -> list[LoggedBlast]:
             LoggedBlast(name, _instant(table.where, line, text), position, charge, practice, holes)
         )
     _refuse_repeated(table.where, "blast", [blast.name for blast in blasts])
-    return sorted(blasts, key=lambda blast: blast.when)
+    return sorted(blasts, key=lambda blast: blast.time)
 
 
 def read_stations_of(path: Path, log: ReadLog | None = None) -> list[Station]:
@@ -415,10 +410,10 @@ def joined(
             own.setdefault(number, []).append(record)
     matches: dict[tuple[int, int], RecordPeaks] = {}
     clocks: dict[str, dict[int, int]] = {}
-    fired = np.array([blast.when.timestamp() for blast in blasts])
+    fired = np.array([_seconds(blast.time) for blast in blasts])
     clock = np.array([blast.has_clock for blast in blasts])
     for number, rows in sorted(own.items()):
-        hours = _clocks(fired, clock, [_seconds(row) for row in rows])
+        hours = _clocks(fired, clock, [_seconds(row.time) for row in rows])
         off = Counter(hours[hours != 0].tolist())
         if off:
             clocks[stations[number].name] = dict(off)
@@ -460,11 +455,11 @@ def _station_of(record, stations):
     )
 
 
-def _seconds(record):
-    """Return the time of a record in s, NaN where it has none."""
-    if not record.time:
+def _seconds(time):
+    """Return an ISO time, as its clock showed it, in s; NaN where there is none."""
+    if not time:
         return math.nan
-    return datetime.fromisoformat(record.time).replace(tzinfo=None).timestamp()
+    return datetime.fromisoformat(time).replace(tzinfo=UTC).timestamp()
 
 
 def _away(fired, clock, when):
@@ -495,7 +490,7 @@ def _clocks(fired, clock, times):
 
 def _blast_of(blasts, fired, clock, record, hours):
     """Return the number of the blast of a record, None with the reason where there is none."""
-    when = _seconds(record) - HOUR * hours
+    when = _seconds(record.time) - HOUR * hours
     if math.isnan(when):
         words = _words(record.file)
         named = [k for k, blast in enumerate(blasts) if blast.name.casefold() in words]
@@ -504,7 +499,7 @@ def _blast_of(blasts, fired, clock, record, hours):
         return None, "has no time, and its path does not name one blast of the log"
     away = _away(fired, clock, when)
     near = np.flatnonzero(away <= TOLERANCE)
-    began = f"began at {datetime.fromtimestamp(when):%Y-%m-%d %H:%M}"
+    began = f"began at {datetime.fromtimestamp(when, UTC):%Y-%m-%d %H:%M}"
     if not len(near):
         nearest = blasts[int(np.argmin(np.abs(when - fired)))]
         return None, (

@@ -8,7 +8,7 @@ import numpy as np
 from ..core import JOINT_LAWS, joint_bound, joint_tangents
 from ..errors import InputError
 
-SLIP, FAILED, STATUS = slice(0, 3), 3, 4  # columns of the state of joints that stick
+SLIP, FAILED, STATUS, GAP = slice(0, 3), 3, 4, 5  # columns of the state of joints that stick
 
 # Ranges of thickness in m, of kn and of ks in Pa/m of clay infill: Infanti & Kanji (1978) as in
 # table 3 of Babanouri et al. (2013). Its last row says kn > 0.5 GPa/m, an error of the text by its

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..blasts.blast import ANFO_DENSITY, Firing
+from ..blasts.compliance import free_field
 from ..config.keys import unusual
 from ..errors import Finding, InputError, by_wave
 from ..ground.tables import joint_of_surface, set_stiffness
@@ -110,6 +111,10 @@ def check(project, priced=False, progress=None) -> Check:
         expected_error(project.accuracy.rows, project.config.mesh.accuracy),
         energy_finding(source_energy(project)),
         elastic_finding(project.elastic_ground, project.receivers),
+        free_field(
+            project.config.run.limit_curves,
+            [part.name for part in project.config.receivers if part.transfer is None],
+        ),
     ]
     findings = [finding for finding in candidates if finding is not None]
     findings = sorted(one_a_kind(findings), key=lambda f: int(f.code[1:]))

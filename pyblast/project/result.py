@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ..blasts.compliance import METHOD, assess_all, conclusion
+from ..blasts.compliance import METHOD, OF_WALLS, ORIENTATION, assess_all, conclusion
 from ..errors import Finding, ReadError
 from ..ground.tables import joint_of_surface
 from ..model.boundary import kinds_of
@@ -459,7 +459,7 @@ def simulated_table(seismogram, band, carried) -> dict:
     band : Band
         Of the run.
     carried : float, Hz
-        What the mesh carries at the receiver: no frequency above it is a dominant one.
+        What sources hold and the mesh carries at the receiver: no frequency above it is dominant.
     """
     lowest = 1.0 / seismogram.duration
     table = motion_table(seismogram, (lowest, max(carried, 2.0 * lowest)))
@@ -484,7 +484,9 @@ def receiver_tables(project, simulated, band):
             "normal": receiver.normal,
             "carried_hz": rows[name].carried,
             "expected_error": error_table(rows[name], names),
-            "simulated": simulated_table(simulated[name], band, rows[name].carried),
+            "simulated": simulated_table(
+                simulated[name], band, min(rows[name].carried, project.shot.highest_frequency)
+            ),
             "recorded": motion_table(project.recorded[name]) if name in project.recorded else None,
             **level.level_table(project, receiver.position, peaks),
         }
@@ -496,16 +498,18 @@ def compliance_table(project, simulated, band):
 
     Simulated peaks are left out where the run does not hold the band of the blast.
     """
-    curves = project.config.run.limit_curves
+    given = project.config.run.limit_curves
+    curves = given or (OF_WALLS if project.config.mesh.benches else ORIENTATION)
     motions = {"recorded": project.recorded} | ({"simulated": simulated} if band.complete else {})
     rows = assess_all(
         motions,
         {r.name: level.window_at(project, r.position) for r in project.receivers},
         curves,
         {r.name: level.level_error(project, r.position) for r in project.receivers},
+        {r.name: r.transfer for r in project.config.receivers},
     )
     tables = [row.table() for row in rows]
-    words = conclusion(tables, bool(curves)) if tables or band.complete else ""
+    words = conclusion(tables, bool(given)) if tables or band.complete else ""
     if not band.complete:
         words += (
             f" The simulation is not assessed: it holds motion up to "
@@ -513,7 +517,8 @@ def compliance_table(project, simulated, band):
             "(finding D40)."
         )
     return {
-        "chosen": bool(curves),
+        "chosen": bool(given),
+        "curves": list(curves),
         "frequency_method": METHOD + level.frequency_words(project),
         "conclusion": words.strip(),
         "rows": tables,
@@ -536,6 +541,7 @@ def comparison_table(comparison):
 END_SHARE = 0.05
 STILL = 0.2
 LEAST_CYCLES = 2.0
+LEAST_TRANSVERSE = 0.2  # of the longitudinal peak, below which no record of a quarry blast is
 
 
 def record_findings(simulated) -> tuple[Finding, ...]:
@@ -546,8 +552,35 @@ def record_findings(simulated) -> tuple[Finding, ...]:
     simulated : dict of str to Seismogram
         By receiver; zero time is the first firing.
     """
-    candidates = cut_short(simulated), low_frequencies(simulated)
+    candidates = cut_short(simulated), low_frequencies(simulated), too_symmetric(simulated)
     return tuple(finding for finding in candidates if finding is not None)
+
+
+def too_symmetric(simulated):
+    """D50: receivers with hardly any transverse motion; None where none is so."""
+    shares, floors = {}, []
+    for name, record in simulated.items():
+        peaks = dict(zip(record.components, record.ppv, strict=True))
+        along, across = peaks.get("longitudinal", 0.0), peaks.get("transverse", math.nan)
+        if across < LEAST_TRANSVERSE * along:
+            shares[name] = float(across / along)
+            low, high = (1e3 * math.hypot(record.pvs, share * along) for share in (0.5, 1.0))
+            floors.append(
+                f"{name} {100.0 * shares[name]:.0f} % (vector sum "
+                f"{plain_number(1e3 * record.pvs)}, with it {plain_number(low)} to "
+                f"{plain_number(high)} mm/s)"
+            )
+    if not shares:
+        return None
+    return Finding(
+        "D50",
+        "Hardly any transverse motion",
+        f"Transverse over longitudinal peak: {'; '.join(floors)}. An explosion in uniform ground "
+        "sends none; records of quarry blasts have half to all of the longitudinal peak, and so "
+        "more of a vector sum, as in brackets. Add what the site has: joints and faults, layers "
+        "and slopes across the path, ground.heterogeneity, or a moment tensor with a couple.",
+        numbers=shares,
+    )
 
 
 def cut_short(simulated):

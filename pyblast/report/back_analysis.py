@@ -4,9 +4,8 @@ import numpy as np
 
 from ..project.result import plain, write_text
 from . import figures
-from .figures import INK, SIMULATED
 from .pages import page
-from .plots import axis_of, dots, line, page_plot, panel
+from .plots import INK, SIMULATED, axis_of, dots, line, page_plot, panel
 from .run import with_waveforms
 from .survey_design import best_candidates, result_figures, slip_lines, survey_figure, survey_lines
 

@@ -5,9 +5,8 @@ import numpy as np
 from ..blasts.blast import CHARGE_WINDOW
 from ..project.result import plain, write_text
 from ..units import plain_number
-from .figures import INK, SIMULATED
 from .pages import page
-from .plots import axis_of, dots, line, page_plot, panel, segments
+from .plots import INK, SIMULATED, axis_of, dots, line, page_plot, panel, segments
 
 
 def delay_lines(table) -> list[str]:
@@ -24,12 +23,20 @@ def delay_lines(table) -> list[str]:
     )  # fmt: skip
     low, high = gained["reduction_90"]
     lines = [
+        limits_kept(table["houses"]),
         f"best of {len(table['tried'])} plans at {band}: {1e3 * best['between_holes']:.3g} ms "
         f"between holes, {1e3 * best['between_rows']:.3g} ms between rows",
         f"{100 * table['share']:.3g} % quantile of the largest PPV over its limit: "
         f"{gained['after']:.3g}, as planned {gained['before']:.3g}; reduction "
-        f"{100 * gained['reduction']:.3g} %, 90 % interval {100 * low:.3g} to {100 * high:.3g} %",
+        f"{100 * gained['reduction']:.3g} %, 90 % interval {100 * low:.3g} to {100 * high:.3g} % "
+        "for holes of one waveform; of sums of real hits 20 to 33 % that were predicted were 23 % "
+        "in the median and 8 % at the 90 % level",
     ]
+    if table["burden_m"]:
+        lines.append(
+            f"rows: {1e3 * best['between_rows'] / table['burden_m']:.3g} ms per m of burden; a "
+            "shorter delay gives the rock in front less time to move (relief), which is not judged"
+        )
     charge = table["charge_per_8ms_kg"]
     if charge["after"] is not None:
         allowed = charge["allowed"]
@@ -49,8 +56,37 @@ def delay_lines(table) -> list[str]:
             lines.append(
                 f"  {words}: 50, 90, 95 % quantiles of PPV {levels} mm/s; central 50, 90, 95 % of "
                 f"blasts {bands} mm/s; {100 * peaks['within_limit']:.3g} % within the limit"
+                f"{_level(house, peaks)}"
             )
     return lines
+
+
+def limits_kept(houses) -> str:
+    """Return whether the best plan keeps all limits at 95 %, with the house that decides.
+
+    Parameters
+    ----------
+    houses : sequence of dict
+        Of `summarise_delays`.
+    """
+    worst = max(houses, key=lambda house: house["after"]["high"] / house["limit"])
+    reached = f"{1e3 * worst['after']['high']:.3g} of {1e3 * worst['limit']:.3g} mm/s"
+    at = f"{worst['name']}, where 95 % of blasts stay below {reached}{_by(worst)}"
+    if worst["after"]["high"] <= worst["limit"]:
+        return f"the best plan keeps the limits, nearest at {at}"
+    return f"no plan keeps the limit at {at}"
+
+
+def _by(house):
+    """Return which law sets the level of a house, in words."""
+    return f" by {house['level_by']}" if house["level_by"] else ""
+
+
+def _level(house, peaks):
+    """Return that shares within a limit hold the error of the level, in words."""
+    if not house["level_by"]:
+        return ""
+    return f" with the error of the level{_by(house)}, 95 % below {1e3 * peaks['high']:.3g} mm/s"
 
 
 def _curve(house):

@@ -16,8 +16,8 @@ from ..diagnosis.fitting import Fit
 from ..diagnosis.search import Search, means
 from ..project.places import extent_of
 from ..signals.spectra import wavelet_transform
-from .figures import FAULT, GROUND, INK, RECORDED, SIMULATED, _figure, _tidy, _uri
-from .plots import axis_of, dots, line, page_plot, panel, segments
+from .figures import GROUND, _figure, _tidy, _uri
+from .plots import FAULT, INK, RECORDED, SIMULATED, axis_of, dots, line, page_plot, panel, segments
 
 CALIBRATED, WITH_EFFECT = "#9aa5b1", SIMULATED
 BELOW, ABOVE = "#c9d1d9", "#7a8fb0"

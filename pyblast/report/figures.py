@@ -9,7 +9,6 @@ from math import ceil
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import LineCollection, PolyCollection
-from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from matplotlib.text import Text
 
@@ -17,11 +16,12 @@ from ..mesh import tetrahedra
 from ..signals.comparison import Comparison
 from ..signals.seismogram import Seismogram
 from ..signals.spectra import dominant_frequency, smoothed_spectrum, zero_crossing_frequency
-from .plots import axis_of, dots, line, page_plot, panel
+from .plots import FAULT, INK, RECORDED, SIMULATED, axis_of, dots, line, page_plot, panel
 
 _TRIANGLE_EDGES = np.array([[0, 1], [1, 2], [2, 0]])
 NUDGE = 1.2345e-5
 ENERGY_UNITS = (1e-9, "GJ"), (1e-6, "MJ"), (1e-3, "kJ"), (1.0, "J")
+FLAT = 1e-3  # slope of a plane without a strike
 LEAST_SHOWN = 1e-4  # of the largest energy, below which terms are not drawn
 
 
@@ -77,7 +77,6 @@ def _crossings(points, height, cells, edges):
 
 
 GROUND = ("#cdb58c", "#8fa3ad", "#5b6570", "#a7b08a", "#b48a78", "#7a8fb0")
-INK, RECORDED, SIMULATED, FAULT = "#2b2b2b", "#2b2b2b", "#c2410c", "#b91c1c"
 COLOURS = INK, "#1d4ed8", "#0f766e", "#a16207", "#7e22ce", "#64748b", "#be185d", "#166534"
 LETTERS = {"longitudinal": "L", "transverse": "T", "vertical": "V", "east": "E", "north": "N"}
 PAPER_ORDER = ("transverse", "north", "vertical", "longitudinal", "east")
@@ -178,16 +177,14 @@ def source_figure(histories, top) -> dict:
     return page_plot("Source histories and spectra of their slope.", *panels, columns=2)
 
 
-def section_figure(result, north, field="group"):
-    """Draw a vertical section: materials or highest frequency, joints, faults, receivers.
+def section_figure(result, north):
+    """Draw a vertical section: materials, joints, faults, receivers.
 
     Parameters
     ----------
     result : Result
     north : float, m
         North coordinate of the section.
-    field : str
-        "group" or "f_max".
     """
     mesh, summary = result.arrays["mesh"], result.summary
     polygons, zone = section_of_zones(mesh["points"], mesh["zones"], north)
@@ -195,19 +192,11 @@ def section_figure(result, north, field="group"):
     figure = _figure(9.6, float(np.clip(8.4 * height / width + 1.0, 2.6, 7.0)))
     axes = figure.subplots()
     patches = PolyCollection(polygons, linewidths=0.15, edgecolors=(1.0, 1.0, 1.0, 0.35))
-    if field == "group":
-        names = summary["mesh_names"]["groups"]
-        number = result.arrays["zones"]["group"][zone]
-        patches.set_facecolor([GROUND[n % len(GROUND)] for n in number])
-        for n in np.unique(number):
-            axes.plot([], [], "s", color=GROUND[n % len(GROUND)], label=names[n])
-    else:
-        patches.set_array(result.arrays["zones"][field][zone])
-        patches.set_cmap("viridis")
-        patches.set_norm(LogNorm())
-        bar = figure.colorbar(patches, ax=axes, label="highest frequency carried [Hz]", shrink=0.85)
-        for which in ("major", "minor"):
-            getattr(bar.ax.yaxis, f"set_{which}_formatter")("{x:g}")
+    names = summary["mesh_names"]["groups"]
+    number = result.arrays["zones"]["group"][zone]
+    patches.set_facecolor([GROUND[n % len(GROUND)] for n in number])
+    for n in np.unique(number):
+        axes.plot([], [], "s", color=GROUND[n % len(GROUND)], label=names[n])
     axes.add_collection(patches)
     _draw_joints(axes, result, north)
     _draw_receivers(axes, summary, mesh["points"])
@@ -287,6 +276,45 @@ def energy_figure(energy, lead, layered=False) -> dict:
     upright = axis_of(f"energy [{unit}]", *ends, log=ends[0] is not None)
     across = axis_of("time after the first firing [s]")
     return page_plot("Energy since the start of the run.", panel(across, upright, lines, 340))
+
+
+MOST_CONTACTS = 1500  # of a joint in a page
+
+
+def slip_figure(position, slip, history) -> dict:
+    """Return the plot of a joint in a blast: map of its slip on its plane, slip and safety by time.
+
+    Parameters
+    ----------
+    position : (n, 3) float64, m
+        Of its contacts.
+    slip : (n,) float64, m
+        Largest of each.
+    history : (n_samples, 5) float64
+        As `Stability.arrays`.
+    """
+    middle = position.mean(axis=0)
+    normal = np.linalg.svd(position - middle, full_matrices=False)[2][-1]
+    level = np.hypot(*normal[:2])
+    strike = np.array([normal[1], -normal[0], 0.0]) / level if level > FLAT else np.eye(3)[0]
+    up = np.cross(strike, normal)
+    up *= 1.0 if up[2] >= 0.0 else -1.0
+    shown = np.argsort(slip, kind="stable")[::-1][:MOST_CONTACTS][::-1]
+    along, rise = (position[shown] - middle) @ strike, (position[shown] - middle) @ up
+    top = 1e3 * float(slip.max())
+    scale = {"label": "largest slip [mm]", "low": 0.0, "high": top or 1.0, "colours": "viridis"}
+    contacts = dots(along, rise, None, INK, radius=3, values=1e3 * slip[shown])
+    times = axis_of("time after the first firing [s]")
+    return page_plot(
+        "Largest slip over the plane of the joint, its slip and its factor of safety over time.",
+        panel(axis_of("along strike [m]"), axis_of("up dip [m]"), [contacts], equal=True,
+              scale=scale),
+        panel(times, axis_of("largest slip [mm]", 0.0),
+              [line(history[:, 0], 1e3 * history[:, 1], "slip", SIMULATED),
+               line(history[:, 0], 1e3 * history[:, 2], "opening", RECORDED)]),
+        panel(times, axis_of("factor of safety"), [line(history[:, 0], history[:, 4])]),
+        columns=3,
+    )  # fmt: skip
 
 
 def _figure(width, height):

@@ -298,6 +298,8 @@ def great_circle(dip, direction):
 def write_surface(folder, result):
     """Write peak velocity over the surface: nodes as CSV, a grid as ESRI ASCII.
 
+    Coordinates are those of the site: what ``blast.shift_m`` added is taken off again.
+
     Parameters
     ----------
     folder : path
@@ -307,6 +309,7 @@ def write_surface(folder, result):
     points, triangles, peak = shown_surface(result)
     if peak is None or not len(triangles):
         return
+    points = points - np.array(result.summary.get("shift_m") or [0.0, 0.0, 0.0])
     node = np.unique(triangles)
     rows = np.c_[points[node], 1e3 * peak[node]]
     lines = [",".join(f"{value:.9g}" for value in row) for row in rows.tolist()]

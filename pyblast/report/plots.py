@@ -9,6 +9,7 @@ import numpy as np
 from ..project.result import plain
 from ..units import plain_number
 
+INK, RECORDED, SIMULATED, FAULT = "#2b2b2b", "#2b2b2b", "#c2410c", "#b91c1c"
 MOST_POINTS = 800  # of a line in a page
 MOST_ROWS = 24  # of a line in a table
 DIGITS = 5  # of a value in a page

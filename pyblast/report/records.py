@@ -10,8 +10,9 @@ import numpy as np
 from ..line_records.shots import ShotGather
 from ..line_records.waves import Picks, rayleigh_speeds
 from ..project.result import write_text
-from .figures import FAULT, INK, RECORDED, SIMULATED, _figure, _tidy, _uri
+from .figures import _figure, _tidy, _uri
 from .pages import page
+from .plots import FAULT, INK, RECORDED, SIMULATED
 
 FOUND = {
     "NAMED": "found",

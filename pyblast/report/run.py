@@ -16,6 +16,7 @@ from .pages import page
 from .view import scene
 
 SPECTRUM_TOP = 40.0
+MOST_JOINTS = 6  # whose slip is drawn
 FIGURE = "title", "caption", "tables", "image"
 NOTHING_LIMITED = {"rows": [], "chosen": False}
 SOURCES = {"forces": "point forces", "tensors": "moment tensors", "pressures": "pressed surfaces"}
@@ -80,7 +81,7 @@ def _sheet(result, name, recorded, simulated):
     kind, motion = ("simulated", simulated) if recorded is None else ("recorded", recorded)
     colour = figures.SIMULATED if recorded is None else figures.RECORDED
     summary = result.summary
-    names = summary.get("limit_curves") or ORIENTATION
+    names = _curves(summary)
     rows = (summary.get("compliance") or NOTHING_LIMITED)["rows"]
     chosen, curves = [key for key in names if key in load_limits()], load_limits()
     own = [row for row in rows if (row["receiver"], row["kind"]) == (name, kind)]
@@ -94,6 +95,11 @@ def _sheet(result, name, recorded, simulated):
         "waves": figures.waveform_figure({kind: motion}, [colour], _spectrum_top(summary)),
         "limits": limits_figure({kind: {name: motion}}, [curves[key] for key in chosen])[0],
     }
+
+
+def _curves(summary):
+    """Return the keys of the limit curves of a result: chosen, or for orientation."""
+    return (summary.get("compliance") or NOTHING_LIMITED).get("curves", ORIENTATION)
 
 
 def answer(summary) -> list[tuple[str, str]]:
@@ -119,6 +125,9 @@ def answer(summary) -> list[tuple[str, str]]:
         if far["receiver"] != near["receiver"]:
             where += f", {far['receiver']} {plain_number(far['distance'])} m"
     lines = [("Fired", f"{_fired(summary)}{where}."), ("Came out", _came_out(summary))]
+    stability = summary.get("stability")
+    if stability and stability["sentence"]:
+        lines.append(("Does it slip?", stability["sentence"]))
     conclusion = (summary.get("compliance") or {}).get("conclusion")
     return [*lines, ("Allowed?", conclusion)] if conclusion else lines
 
@@ -198,6 +207,7 @@ def _figures(result):
     rows = [
         *_plan_figures(result),
         *_limit_figures(result),
+        *_slip_figures(result),
         *_receiver_figures(result, wide),
         *_input_figures(result, wide),
         *_source_figures(result, wide),
@@ -323,6 +333,28 @@ def _plan_figures(result):
     yield "Plan", f"{words}; numbers are the order of firing.", ("mesh", "blast"), image
 
 
+def _slip_figures(result):
+    """Yield the figure of each joint that slips, those that slip most first."""
+    joints = (result.summary.get("stability") or {"joints": {}})["joints"]
+    moved = sorted(
+        (name for name in joints if joints[name]["slips"]),
+        key=lambda name: -joints[name]["largest_slip"],
+    )
+    contacts, names = result.arrays.get("contacts", {}), list(joints)
+    for name in moved[:MOST_JOINTS]:
+        low, high = np.array(result.summary["extent"]).T
+        position, slip = contacts["place"], contacts["largest_slip"]
+        inside = ((position >= low) & (position <= high)).all(axis=1)
+        here = inside & (contacts["joint"] == names.index(name))
+        yield (
+            f"Slip of {name}",
+            "Left the largest slip of each contact on the plane, then the largest slip and opening "
+            "of all and the factor of safety of the whole against sliding.",
+            ("joints", "insitu"),
+            figures.slip_figure(position[here], slip[here], result.arrays["joint_histories"][name]),
+        )
+
+
 def _stereonet_figures(summary):
     """Yield the stereonet of joint sets and faults."""
     image = maps.stereonet_figure(summary["joints"], summary["mesh_names"]["faults"])
@@ -337,9 +369,8 @@ def _stereonet_figures(summary):
 
 
 def _section_figures(result):
-    """Yield the section with joints and faults, and with the highest frequency of zones."""
+    """Yield the section with joints and faults."""
     north = _section_place(result)
-    edges = result.summary["run"].get("edges_per_wavelength", 10.0)
     entry = "stars mark holes and forces inside, projected"
     if result.summary["input"] is not None:
         face = result.summary["input"]["face"]
@@ -350,13 +381,6 @@ def _section_figures(result):
         f"Section at north {north:g} m with joints and faults; {entry}.",
         ("mesh", "joints"),
         figures.section_figure(result, north),
-    )
-    yield (
-        "Highest frequency",
-        f"Highest frequency that each zone carries: Cs over {edges:g} of its mean edges; the input "
-        f"has {result.summary['band']['input_hz']:.3g} Hz. The same section.",
-        ("mesh",),
-        figures.section_figure(result, north, "f_max"),
     )
 
 
@@ -396,7 +420,7 @@ def _receiver_figures(result, top):
 
 def _limit_figures(result):
     """Yield the figure of peaks and limit curves, for orientation if the project names none."""
-    names, curves = result.summary.get("limit_curves") or ORIENTATION, load_limits()
+    names, curves = _curves(result.summary), load_limits()
     chosen = [curves[name] for name in names if name in curves]
     motions = {kind: result.seismograms(kind) for kind in ("simulated", "recorded")}
     if not chosen or not any(motions.values()):

@@ -9,9 +9,19 @@ from ..line_records.changes import WORDS
 from ..project.result import write_text
 from ..signals.comparison import load_limits
 from ..units import plain_number
-from .figures import FAULT, INK, RECORDED, SIMULATED
 from .pages import page
-from .plots import axis_of, dots, line, page_plot, panel, segments
+from .plots import (
+    FAULT,
+    INK,
+    RECORDED,
+    SIMULATED,
+    axis_of,
+    dots,
+    line,
+    page_plot,
+    panel,
+    segments,
+)
 
 SHOWN = 40  # records of the table on the page, the latest
 NAMED = 6  # refused files whose reasons the terminal shows
@@ -26,30 +36,42 @@ def site_lines(summary: dict) -> list[str]:
     summary : dict
         Content of ``site.json``.
     """
+    return [line for lines in _sections(summary).values() for line in lines]
+
+
+def _sections(summary):
+    """Return the sentences on a site by the section that they belong to."""
     rows, unjoined = summary["records"], summary["unjoined"]
-    lines = [
-        f"{len(rows)} records of {len({row['blast'] for row in rows})} of {len(summary['blasts'])} "
-        f"blasts at {len({row['station'] for row in rows})} stations; "
-        f"{len(summary['silent'])} times one did not trigger; {len(unjoined)} records belong to no "
-        f"blast, {len(summary['skipped'])} files are no records or can't be read",
-        _over(rows, "share", load_limits()[summary["limit_curve"]].name),
-    ]
+    silent = len(summary["silent"])
+    limits = [_over(rows, "share", load_limits()[summary["limit_curve"]].name)]
     if summary["air_limit"] is not None:
         words = f"{plain_number(summary['air_limit'])} Pa of air overpressure"
-        lines.append(_over(rows, "air_share", words))
-    lines.append(_law_words("peak velocity", summary["law"]))
+        limits.append(_over(rows, "air_share", words))
+    laws = [_law_words("peak velocity", summary["law"])]
     if any(row["overpressure"] for row in rows):
-        lines.append(_law_words("air overpressure", summary["air_law"]))
-    lines += [_change_words(row) for row in summary["changes"]]
-    lines += _forecast_lines(summary) + _statistical_lines(summary["statistical"])
-    for station, hours in summary["clocks"].items():
-        off = ", ".join(f"{count} records by {int(h):+d} h" for h, count in hours.items())
-        lines.append(f"{station}: its clock is off, {off}")
+        laws.append(_law_words("air overpressure", summary["air_law"]))
+    clocks = [
+        f"{station}: its clock is off, "
+        + ", ".join(f"{count} records by {int(h):+d} h" for h, count in hours.items())
+        for station, hours in summary["clocks"].items()
+    ]
     refused = [row for row in [*unjoined, *summary["skipped"]] if row["reason"] != "is no record"]
-    lines += [f"- {row['file']}: {row['reason']}" for row in refused[:NAMED]]
-    if len(refused) > NAMED:
-        lines.append(f"- {len(refused) - NAMED} more in site.json")
-    return lines
+    return {
+        "Limits": limits,
+        "Records": [
+            f"{len(rows)} records of {len({row['blast'] for row in rows})} of "
+            f"{len(summary['blasts'])} blasts at {len({row['station'] for row in rows})} stations; "
+            f"{silent} time{'s' * (silent != 1)} one did not trigger; {len(unjoined)} records "
+            f"belong to no blast, {len(summary['skipped'])} files are no records or can't be read",
+            *clocks,
+            *(f"- {row['file']}: {row['reason']}" for row in refused[:NAMED]),
+            *([f"- {len(refused) - NAMED} more in site.json"] if len(refused) > NAMED else []),
+        ],
+        "Site law": laws,
+        "Changes": [_change_words(row) for row in summary["changes"]],
+        "Forecasts": _forecast_lines(summary),
+        "Limit of a share of blasts": _statistical_lines(summary["statistical"]),
+    }  # fmt: skip
 
 
 def _over(rows, key, words):
@@ -72,13 +94,19 @@ def _law_words(what, law):
         return f"no law of {what}: {law['refused'].removeprefix('site law: ')}"
     low, high = law["beta_90"]
     text = (
-        f"{what} falls as (R/W^{law['charge_exponent']:.3g})^-{law['beta']:.3g}, 90 % interval "
-        f"{low:.3g} to {high:.3g}, {law['n']} records"
+        f"{what} falls as (R/W^{law['charge_exponent']:.3g})^-{law['beta']:.3g}, "
+        + (
+            "an exponent that is taken, not fitted"
+            if law["fixed"]
+            else f"90 % interval {low:.3g} to {high:.3g}"
+        )
+        + f", {law['n']} records"
         + (f" and {law['below']} below their trigger" if law["below"] else "")
         + f"; 95 % of blasts stay below {10 ** (1.645 * law['s']):.2g} times the median"
     )
     far = [f"{row['blast']} at {row['station']} ({row['factor']:.2g} times)"
            for row in law["outliers"]]  # fmt: skip
+    text += f" ({law['fixed'].removeprefix('site law: ')})" if law["fixed"] else ""
     return text + (f"; far off the others: {', '.join(far[:4])}" if far else "")
 
 
@@ -154,10 +182,10 @@ def _statistical_lines(limit):
             f"{row['station']}: {100 * row['share']:.3g} % ({100 * low:.3g} to {100 * high:.3g}) "
             f"of {row['blasts']} blasts of the period below {1e3 * limit['level']:.3g} mm/s, "
             f"{100 * limit['share']:.3g} % are asked for; {row['over']} above{ceiling}; "
-            + (f"{row['may_exceed']} more may exceed it" if row["may_exceed"] >= 0 else
-               f"{-row['may_exceed']} too many exceed it")
-            + f" by its end; counted are records and {row['below_trigger']} blasts below the "
-            f"trigger, not {row['unknown']} without either"
+            + (f"{row['may_exceed']} more may be" if row["may_exceed"] >= 0 else
+               f"{-row['may_exceed']} too many")
+            + f" until it ends; counted are records and {row['below_trigger']} blasts below the "
+            f"trigger, not counted {row['unknown']} without either"
         )  # fmt: skip
     return lines
 
@@ -171,11 +199,10 @@ def write_site_report(path: str | Path, summary: dict) -> None:
     summary : dict
         Content of ``site.json``.
     """
-    lines = site_lines(summary)
     over = any((row.get("share") or 0.0) > 1.0 or (row["air_share"] or 0.0) > 1.0
                for row in summary["records"])  # fmt: skip
     text = page("site.html").render(
-        s=summary, lines=lines, over=over, figures=_figures(summary), shown=SHOWN,
+        s=summary, sections=_sections(summary), over=over, figures=_figures(summary), shown=SHOWN,
         curve=load_limits()[summary["limit_curve"]],
     )  # fmt: skip
     write_text(path, text)
@@ -206,20 +233,27 @@ def _figures(summary):
     return figures
 
 
-def years(times) -> list[float]:
-    """Return ISO times as years."""
-    dates = [datetime.fromisoformat(time) for time in times]
-    return [d.year + (d.timetuple().tm_yday - 1 + d.hour / 24.0) / 365.25 for d in dates]
+def days(times, since) -> list[float]:
+    """Return ISO times as days since a year began."""
+    start = datetime(since, 1, 1)
+    return [(datetime.fromisoformat(t) - start).total_seconds() / 86400.0 for t in times]
 
 
-def time_axis(times) -> dict:
-    """Return the axis of time of a plot, years."""
-    at = years(times)
-    low, high = min(at), max(at)
-    every = max(1, round((high - low) / 8))
-    ticks = {float(y): str(y) for y in range(int(low), int(high) + 2) if y % every == 0}
-    inside = {y: name for y, name in ticks.items() if low <= y <= high}
-    return axis_of("year", low, high, ticks=inside if len(inside) > 1 else None)
+def time_axis(summary) -> tuple[int, dict]:
+    """Return the first year of the records, and the axis of days since it began."""
+    times = [row["time"] for row in summary["records"]]
+    first, last = int(times[0][:4]), int(times[-1][:4])
+    low, high = days([times[0], times[-1]], first)
+    marks = (
+        {f"{y}": f"{y}-01-01" for y in range(first, last + 2, 1 + (last - first) // 8)}
+        if last - first > 1
+        else {f"{y}-{m:02d}": f"{y}-{m:02d}-01" for y in (first, last) for m in (1, 7)}
+    )
+    at = dict(zip(days(marks.values(), first), marks, strict=True))
+    ticks = {x: name for x, name in at.items() if low <= x <= high}
+    pad = 0.02 * max(high - low, 1.0)
+    label = f"days since {first}-01-01"
+    return first, axis_of(label, low - pad, high + pad, ticks=ticks or None)
 
 
 def by_station(summary):
@@ -230,15 +264,21 @@ def by_station(summary):
             yield station["name"], COLOURS[n % len(COLOURS)], rows
 
 
+def _named(blast, time):
+    """Return a blast with its day."""
+    return f"{blast}, {time[:10]}"
+
+
 def _over_time(summary):
     """Plot the share of the limit of each record over time."""
+    first, axis = time_axis(summary)
     marks = [
-        dots(years(row["time"] for row in rows),
+        dots(days((row["time"] for row in rows), first),
              [np.nan if row.get("share") is None else 100.0 * row["share"] for row in rows],
-             name, colour, radius=3, text=[row["blast"] for row in rows], quiet=True)
+             name, colour, radius=3, text=[_named(row["blast"], row["time"]) for row in rows],
+             quiet=True)
         for name, colour, rows in by_station(summary)
     ]  # fmt: skip
-    axis = time_axis([row["time"] for row in summary["records"]])
     limit = line([axis["low"], axis["high"]], [100.0, 100.0], "limit", FAULT, dash=True)
     return page_plot("share of the limit", panel(
         axis, axis_of("peak over limit [%]", log=True), [limit, *marks], 320))  # fmt: skip
@@ -246,20 +286,21 @@ def _over_time(summary):
 
 def _charts(summary):
     """Plot the control charts of all stations, with the dates of changes."""
-    times = years(blast["time"] for blast in summary["blasts"])
-    axis, panels = time_axis([row["time"] for row in summary["records"]]), []
+    (first, axis), panels = time_axis(summary), []
+    times = days((blast["time"] for blast in summary["blasts"]), first)
+    names = [_named(blast["name"], blast["time"]) for blast in summary["blasts"]]
     for chart in summary["charts"]:
         marks = [
             dots(times, [np.nan if v is None else v for v in chart[key]], words, colour, radius=2.5,
-                 text=[blast["name"] for blast in summary["blasts"]], quiet=True)
+                 text=names, quiet=True)
             for key, words, colour in (("level", "level", RECORDED),
                                        ("channel_ratio", "vertical over horizontal", SIMULATED))
         ]  # fmt: skip
         for change in summary["changes"]:
             if change["station"] in (None, chart["station"]):
-                at = years([change["time"]])
-                name = f"{change['blast']}: {' or '.join(WORDS[k] for k in change['kinds'])}"
-                marks.append(segments(at, [0.3], at, [3.0], None, FAULT, text=[name]))
+                at = days([change["time"]], first)
+                text = [f"since {change['blast']}"]
+                marks.append(segments(at, [0.4], at, [2.5], None, FAULT, text=text))
         panels.append(panel(axis, axis_of(f"{chart['station']}: factor", log=True), marks, 220))
     return page_plot("control charts", *panels)
 

@@ -7,9 +7,9 @@ import numpy as np
 
 from ..back_analysis.parameters import range_of
 from ..project.result import plain, write_text
-from .figures import INK, SIMULATED, _figure, _short, _tidy, _uri
+from .figures import _figure, _short, _tidy, _uri
 from .pages import page
-from .plots import axis_of, dots, line, page_plot, panel, segments
+from .plots import INK, SIMULATED, axis_of, dots, line, page_plot, panel, segments
 
 RANGE, LABORATORY, GAIN = "#d8dde3", "#2563eb", "viridis"
 INSIDE_90 = 2.1459660262893472  # standard deviations of a bivariate normal density

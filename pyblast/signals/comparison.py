@@ -230,6 +230,9 @@ def in_common(
     return recorded, simulated
 
 
+GROUND = "ground"
+BUILDING = "foundation", "floors", "top floor"  # places that no free ground is
+PLACES = GROUND, "rock", *BUILDING
 INTERPOLATIONS = ("log-log", "linear")
 QUANTITIES = ("peak component", "vertical component", "horizontal component", "vector sum")
 
@@ -251,6 +254,9 @@ class LimitCurve:
     interpolation : str
         "log-log" or "linear" between corners.
     note : str
+    applies_to : str
+        Where the limit applies: "ground", "rock", or of a building "foundation", "floors", "top
+        floor".
 
     Raises
     ------
@@ -265,6 +271,7 @@ class LimitCurve:
     corners: np.ndarray
     interpolation: str = "linear"
     note: str = ""
+    applies_to: str = GROUND
 
     def __post_init__(self) -> None:
         """Check the fields once."""
@@ -278,6 +285,8 @@ class LimitCurve:
             raise InputError(f"{where}: frequencies must rise")
         if self.interpolation not in INTERPOLATIONS:
             raise InputError(f"{where}: interpolation is one of {INTERPOLATIONS}")
+        if self.applies_to not in PLACES:
+            raise InputError(f"{where}: applies_to is one of {PLACES}, got {self.applies_to!r}")
         if self.quantity not in QUANTITIES:
             raise InputError(f"{where}: quantity is one of {QUANTITIES}, got {self.quantity!r}")
         corners.setflags(write=False)

@@ -71,6 +71,7 @@ def simulate(
     snapshot_times: Sequence[float] = (),
     prepared: Prepared | None = None,
     peaks_to: float | None = None,
+    observer: Any = None,
 ) -> Run:
     """Simulate a model: assemble, find static equilibrium, integrate in time.
 
@@ -90,6 +91,9 @@ def simulate(
     peaks_to : float, Hz, optional
         Keep the peak velocity of every node, sampled 20 times a period of this frequency: up to
         it, 1.2 % of the peak are lost at most, as 1 - cos(pi / 20).
+    observer : JointWatch, optional
+        Takes a sample every ``observer.every`` steps, which is then the interval of peaks, too; its
+        ``records`` are part of the checkpoint.
 
     Returns
     -------
@@ -132,7 +136,7 @@ def simulate(
         )
     began = time.perf_counter()
     prepared = prepared or prepare(model, duration, progress)
-    integration = _Integration(model, prepared, peaks_to)
+    integration = _Integration(model, prepared, peaks_to, observer)
     if resume is not None:
         integration.restore(resume)
     for time_ in snapshot_times:
@@ -173,7 +177,7 @@ def integrated(model: Model, prepared: Prepared, path: str | Path) -> Run:
 class _Integration:
     """Time integration in progress: current step, state and records."""
 
-    def __init__(self, model, prepared, peaks_to=None):
+    def __init__(self, model, prepared, peaks_to=None, observer=None):
         self.model, self.prepared = model, prepared
         self.dt = prepared.constants["dt"]
         self.views, self.state = prepared.begun()
@@ -181,7 +185,11 @@ class _Integration:
         self.motion = np.zeros((prepared.n_steps, max(1, len(model.receivers)), 3))
         self.energy = np.zeros((-(-prepared.n_steps // LEDGER_EVERY), len(core.ENERGIES)))
         self.snapshots = {}
-        self.every = None if peaks_to is None else peak_interval(self.dt, peaks_to, prepared)
+        self.observer, self.every = observer, None
+        if observer is not None:
+            self.every = observer.every
+        elif peaks_to is not None:
+            self.every = peak_interval(self.dt, peaks_to, prepared)
         n_nodes = 0 if peaks_to is None else len(self.state["velocity"])
         self.peak = np.zeros(n_nodes, np.float32)
 
@@ -189,6 +197,8 @@ class _Integration:
         """Integrate to the end in chunks of about `CHUNK_SECONDS`."""
         total, chunks, saved = self.prepared.n_steps, Chunks(1), time.perf_counter()
         self._take_snapshot(stops)
+        if self.step == 0 and self.observer is not None:
+            self.observer.sample(0, self.state, self._velocity())
         while self.step < total:
             last = min([total, chunks.end(self.step), *(s for s in stops if s > self.step)])
             with chunks.timed(last - self.step):
@@ -236,8 +246,13 @@ class _Integration:
         self.step += len(motion)
         if failed is not None:
             raise SolverError(failure(self.model, self.prepared, self.step, failed))
-        if self.every is not None and self.step % self.every == 0:
-            np.maximum(self.peak, np.linalg.norm(self._velocity(), axis=1), out=self.peak)
+        if self.every is None or self.step % self.every:
+            return
+        velocity = self._velocity()
+        if len(self.peak):
+            np.maximum(self.peak, np.linalg.norm(velocity, axis=1), out=self.peak)
+        if self.observer is not None:
+            self.observer.sample(self.step, self.state, velocity)
 
     def save(self, path):
         """Write a checkpoint."""
@@ -246,14 +261,20 @@ class _Integration:
 
     def _records(self):
         """Return what is recorded at every step."""
-        return {"motion": self.motion, "energy": self.energy, "peak": self.peak}
+        observed = {} if self.observer is None else self.observer.records
+        return {"motion": self.motion, "energy": self.energy, "peak": self.peak} | {
+            f"joints_{name}": values for name, values in observed.items()
+        }
 
     def restore(self, path):
         """Restore a checkpoint of the same model."""
         self.step, self.state, records, self.snapshots = read_checkpoint(
             path, self.prepared.fingerprint, self.state, self._records()
         )
-        self.motion, self.energy, self.peak = records.values()
+        self.motion, self.energy, self.peak = (records[n] for n in ("motion", "energy", "peak"))
+        if self.observer is not None:
+            names = self.observer.records
+            self.observer.records = {name: records[f"joints_{name}"] for name in names}
 
     def result(self, wall_seconds):
         """Return the result of the run."""

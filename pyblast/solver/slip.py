@@ -5,15 +5,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .. import core
 from ..core import JOINT_LAWS
-from ..errors import SolverError
 from ..laws import of_laws
-from ..model.joint import FAILED, SLIP
-from .preparation import LEDGER_EVERY, prepare
-from .run import collect, failure
+from ..model.joint import FAILED, GAP, SLIP
+from .preparation import peak_interval, prepare
+from .run import simulate
 
-PER_PERIOD = 20  # checks of the tractions in the shortest period
+HISTORY = ("slip", "opening", "yielded_area", "safety")  # of a surface over time
+SLIPS = ("slip_x", "slip_y", "slip_z", "failed")
 STRENGTH = ("cohesion", "friction", "tension")
 AT_YIELD = 1e-6  # remaining share of the strength that counts as none
 ROUNDING = 1e-9
@@ -60,6 +59,142 @@ class Slip:
     ppv: dict[str, np.ndarray]
 
 
+class JointObserver:
+    """Slip, opening, yielded area and safety of joints while a run goes on.
+
+    Parameters
+    ----------
+    model : Model
+    prepared : Prepared
+        Of the model.
+    highest : float, Hz
+        Highest frequency of the motion, whose period has at least 20 samples.
+    weakest : sequence of Joint, optional
+        The same joints with other strengths, for `JointSlip.weakest_factor`.
+    box : (3, 2) float, m, optional
+        Contacts outside count neither in areas nor in factors of safety: those of absorbing sides.
+    followed : sequence of (n,) int
+        Nodes whose mean velocity is recorded: what blocks stand on.
+
+    Notes
+    -----
+    The factor of safety of a surface is ``sum A (c + p tan phi) / |sum A tau|``, by the strength
+    that is left and the tractions of the run, of limit equilibrium; theory.md (17.1).
+    """
+
+    def __init__(self, model, prepared, highest, weakest=None, box=None, followed=()):
+        self.joints, self.constants, self.begun = (
+            model.numbered_joints, prepared.constants, prepared.state,
+        )  # fmt: skip
+        self.every = peak_interval(self.constants["dt"], highest, prepared)
+        self.positions = np.empty((0, 3))
+        if model.nodes.contacts is not None:
+            self.positions = model.nodes.points[model.nodes.contacts.minus]
+        self.area = self.constants["contact_area"].copy()
+        if box is not None and len(self.positions):
+            inside = (self.positions >= box[:, 0]) & (self.positions <= box[:, 1])
+            self.area *= inside.all(axis=1)
+        self.number = self.constants["contact_joint"]
+        self.law = self.constants["joint_law"][self.number]
+        laws = list(JOINT_LAWS.values())
+        self.slides = np.array([law.state[:4] == SLIPS for law in laws])[self.law]
+        self.opens = of_laws(JOINT_LAWS, self.law, "opens")
+        other = {joint.surface: joint for joint in weakest or self.joints}
+        variants = [self.joints, [other[joint.surface] for joint in self.joints]]
+        self.strengths = [_strengths(variant, self.constants) for variant in variants]
+        self.followed = followed
+        n, samples = len(self.number), prepared.n_steps // self.every + 1
+        self.records = {
+            "margin": np.full((2, n), np.inf), "largest_slip": np.zeros(n),
+            "slip_step": np.zeros(n), "largest_opening": np.zeros(n),
+            "history": np.zeros((samples, max(1, len(self.joints)), len(HISTORY))),
+            "followed": np.zeros((samples, max(1, len(followed)), 3)),
+        }  # fmt: skip
+
+    def sample(self, step, state, velocity) -> None:
+        """Take the state of the joints at a step, and velocities (n_nodes, 3) of nodes."""
+        initial, normal = (self.constants[f"contact_{n}"] for n in ("initial", "normal"))
+        traction, records = state["contact_traction"], self.records
+        for least, strength in zip(records["margin"], self.strengths, strict=True):
+            factors = slip_factors(initial, traction - initial, normal, *strength)
+            np.minimum(least, factors, out=least)
+        slip, opening = self.moved(state["contact_state"])
+        later = slip > records["largest_slip"]
+        records["slip_step"][later] = step
+        np.maximum(slip, records["largest_slip"], out=records["largest_slip"])
+        np.maximum(opening, records["largest_opening"], out=records["largest_opening"])
+        at = step // self.every
+        for number in range(len(self.joints)):
+            here = (self.number == number) & (self.area > 0.0)
+            failed = here & self.yielded(state["contact_state"])
+            records["history"][at, number] = (
+                slip[here].max(initial=0.0), opening[here].max(initial=0.0),
+                self.area[failed].sum(), self._safety(here, state, normal),
+            )  # fmt: skip
+        for k, nodes in enumerate(self.followed):
+            records["followed"][at, k] = velocity[nodes].mean(axis=0)
+
+    def moved(self, contact_state):
+        """Return slip since the start and opening of every contact, (n,) m."""
+        slip = contact_state[:, SLIP] - self.begun["contact_state"][:, SLIP]
+        slip = np.where(self.slides, np.linalg.norm(slip, axis=1), 0.0)
+        return slip, np.where(self.opens, contact_state[:, GAP], 0.0)
+
+    def yielded(self, contact_state) -> np.ndarray:
+        """Tell which contacts slipped or opened since the start of the blast, (n,) bool."""
+        begun = self.begun["contact_state"]
+        failed = contact_state[:, FAILED] > begun[:, FAILED]
+        return self.slides & (failed | (contact_state[:, SLIP] != begun[:, SLIP]).any(axis=1))
+
+    def _safety(self, here, state, normal):
+        """Return the factor of safety of chosen contacts against sliding as a whole."""
+        cohesion, friction = self._present(state["contact_state"])
+        traction, area = state["contact_traction"][here], self.area[here]
+        along = np.einsum("ci,ci->c", traction, normal[here])
+        pressed = np.where(along <= 0.0, cohesion[here] - along * friction[here], 0.0)
+        shear = area @ (traction - along[:, None] * normal[here])
+        shear_force = float(np.linalg.norm(shear))
+        return float(area @ pressed) / shear_force if shear_force > 0.0 else math.inf
+
+    def _present(self, contact_state):
+        """Return cohesion and friction that are left of every contact; NaN where a law has none."""
+        failed = contact_state[:, FAILED] > 0.0
+        strength = np.full((2, len(self.number)), np.nan)
+        for number, joint in enumerate(self.joints):
+            here, own = self.number == number, joint.properties
+            if joint.law == "softening":
+                worn = np.minimum(1.0, contact_state[here, 6] / own["weakening_slip"])
+                strength[0, here] = own["cohesion"] * (1.0 - worn)
+                drop = own["friction"] - own["friction_dynamic"]
+                strength[1, here] = own["friction"] - worn * drop
+            elif "cohesion" in own:
+                for row, name in enumerate(("cohesion", "friction")):
+                    residual = own.get(f"{name}_residual", own[name])
+                    strength[row, here] = np.where(failed[here], residual, own[name])
+        return strength
+
+    def by_surface(self, ended) -> dict[str, JointSlip]:
+        """Return the `JointSlip` of each surface that sticks below its strength.
+
+        Parameters
+        ----------
+        ended : dict of str to numpy array
+            State at the end of the run.
+        """
+        had, strengths = self.begun["contact_state"][:, FAILED] > 0.0, {}
+        has = self.yielded(ended["contact_state"])
+        for number, joint in enumerate(self.joints):
+            here = self.number == number
+            if JOINT_LAWS[joint.law].sticks:
+                whole = here & ~had
+                # Where nothing moves no factor is finite; contacts that failed before are left out.
+                margins = self.records["margin"]
+                first = [float(np.min(row[whole], initial=np.inf)) for row in margins]
+                counts = (int(np.count_nonzero(mask)) for mask in (here, here & had, here & has))
+                strengths[joint.surface] = JointSlip(*counts, *first)
+        return strengths
+
+
 def run_with_slip(model, duration, highest, weakest=None, progress=None):
     """Run a model and compare the tractions on its joints with their strength.
 
@@ -83,44 +218,12 @@ def run_with_slip(model, duration, highest, weakest=None, progress=None):
     Raises
     ------
     SolverError
-        As `run`.
+        As `simulate`.
     """
     prepared = prepare(model, duration, progress)
-    joints = model.numbered_joints
-    other = {joint.surface: joint for joint in weakest or joints}
-    variants = [joints, [other[joint.surface] for joint in joints]]
-    strengths = [_strengths(variant, prepared.constants) for variant in variants]
-    initial, normal = (prepared.constants[f"contact_{n}"] for n in ("initial", "normal"))
-    least = np.full((2, len(initial)), np.inf)
-
-    def observe(state):
-        change = state["contact_traction"] - initial
-        for k, strength in enumerate(strengths):
-            np.minimum(least[k], slip_factors(initial, change, normal, *strength), out=least[k])
-
-    every = max(1, math.floor(1.0 / (PER_PERIOD * highest * prepared.constants["dt"])))
-    run = _run_observed(model, prepared, every, observe, progress)
-    return run, _by_surface(joints, run, least)
-
-
-def _run_observed(model, prepared, every, observe, progress):
-    """Run a model and call a function with its state every few steps."""
-    views, state = prepared.begun()
-    motion, energy, step, total = [], [], 0, prepared.n_steps
-    while step < total:
-        chunk, ledger, failed = core.advance(
-            views, state, step, min(every, total - step), LEDGER_EVERY
-        )
-        motion.append(chunk)
-        energy.append(ledger)
-        step += len(chunk)
-        if failed is not None:
-            raise SolverError(failure(model, prepared, step, failed))
-        observe(state)
-        if progress is not None:
-            progress("dynamic", step, total)
-    whole = prepared.whole(np.concatenate(motion))
-    return collect(model, prepared, whole, np.concatenate(energy), state, 0.0, {})
+    observer = JointObserver(model, prepared, highest, weakest)
+    run = simulate(model, duration, progress=progress, prepared=prepared, observer=observer)
+    return run, observer.by_surface(run.state)
 
 
 def _strengths(joints, constants):
@@ -179,23 +282,3 @@ def _roots(shear, added, strength, loss):
         far = -b - np.copysign(np.sqrt(b**2 - a * q), b)
         roots = np.stack([far / a, q / far])
         return np.where(roots > 0.0, roots, np.inf)
-
-
-def _by_surface(joints, run, least):
-    """Return the `JointSlip` of each joint surface."""
-    constants, begun, ended = run.prepared.constants, run.prepared.state, run.state
-    sticks = of_laws(JOINT_LAWS, constants["joint_law"], "sticks")
-    had = begun["contact_state"][:, FAILED] > 0.0
-    has = (ended["contact_state"][:, FAILED] > begun["contact_state"][:, FAILED]) | (
-        ended["contact_state"][:, SLIP] != begun["contact_state"][:, SLIP]
-    ).any(axis=1)
-    strengths = {}
-    for number, joint in enumerate(joints):
-        here = constants["contact_joint"] == number
-        if sticks[number]:
-            whole = here & ~had
-            # Where nothing moves no factor is finite; contacts that failed before are left out.
-            first = [float(np.min(row[whole], initial=np.inf)) for row in least]
-            counts = (int(np.count_nonzero(chosen)) for chosen in (here, here & had, here & has))
-            strengths[joint.surface] = JointSlip(*counts, *first)
-    return strengths

@@ -9,10 +9,12 @@ from pathlib import Path
 import numpy as np
 
 from ..blasts.blast import CHARGE_WINDOW, Blast
+from ..blasts.peaks import LEVEL
 from ..blasts.signature import travel_shifts
 from ..config.config import DelaysConfig
 from ..errors import InputError, named_error
 from ..planning import DelayPlan, FiringScatter, plan_delays, rows_pattern
+from ..project.level import level_error
 from ..project.project import Project, load_project
 from ..project.result import write_summary
 from ..report.delays import write_delay_report
@@ -320,11 +322,23 @@ def delay_tables(summary: dict) -> dict[str, str]:
     }  # fmt: skip
 
 
+def _level_errors(project):
+    """Return the error of the level at each house, with its law; None where a record sets it."""
+    places = {receiver.name: receiver.position for receiver in project.receivers}
+    return [
+        level_error(project, places[house.name])
+        if house.recorded is None and house.name in places else None
+        for house in _settings(project)[0].houses
+    ]  # fmt: skip
+
+
 def summarise_delays(project: Project, plan: DelayPlan, pattern: np.ndarray) -> dict:
     """Return the plain numbers of a delay plan; ``pattern`` (n_holes, 2) delays before a hole."""
     (table, blast), gained = _settings(project), plan.gain
     times = pattern @ plan.best.delays
     curves, bands = load_limits(), {"before": plan.before, "after": plan.after}
+    errors = _level_errors(project)
+    at_level = {n: band.under([e and e[0] for e in errors]) for n, band in bands.items()}
     names = [house.recorded.file for house in table.houses if house.recorded is not None]
     files = project.input_files | {
         name: hashlib.sha256((project.folder / name).read_bytes()).hexdigest() for name in names
@@ -352,6 +366,7 @@ def summarise_delays(project: Project, plan: DelayPlan, pattern: np.ndarray) -> 
         "best_plans": best_plans(blast, plan, pattern),
         "band_hz": table.band_hz,
         "share": gained.share,
+        "burden_m": project.config.blast and project.config.blast.burden_m,
         "severity": {"before": gained.before, "after": gained.after,
                      "reduction": gained.reduction, "reduction_90": gained.interval},
         "houses": [
@@ -359,10 +374,12 @@ def summarise_delays(project: Project, plan: DelayPlan, pattern: np.ndarray) -> 
                 "name": house.name,
                 "limit": plan.limits[k],
                 "curve": house.limit_curve,
+                "level_by": "" if errors[k] is None else errors[k][1],
                 "curve_verified": house.limit_curve and curves[house.limit_curve].verified,
                 **{
                     name: {
-                        "within_limit": band.share_below(plan.limits)[k],
+                        "within_limit": at_level[name].share_below(plan.limits)[k],
+                        "high": at_level[name].level(LEVEL)[k],
                         "levels": {f"{s:g}": band.level(s)[k] for s in SHARES},
                         "bands": {f"{s:g}": band.band(s)[:, k] for s in SHARES},
                     }

@@ -38,6 +38,7 @@ from ..project.result import (
     write_summary,
     write_text,
 )
+from ..project.stability import Stability
 from ..recordings.recording import first_recording, read_recording
 from ..report.exports import write_features
 from ..report.maps import (
@@ -66,6 +67,14 @@ CHECKPOINT = "checkpoint.h5"
 ENERGY = "D21"
 RESULT = "result.h5"
 COARSER = 5.0  # error of the mesh by which that of a run is measured, over it
+JOINT_HEADS = {
+    "largest_slip_mm": ("largest_slip", 1e3), "slip_time_ms": ("slip_time", 1e3),
+    "remaining_slip_mm": ("remaining_slip", 1e3), "largest_opening_mm": ("largest_opening", 1e3),
+    "remaining_opening_mm": ("remaining_opening", 1e3), "area_m2": ("area", 1.0),
+    "yielded_area_m2": ("yielded_area", 1.0), "safety_before": ("safety_before", 1.0),
+    "safety_least": ("safety_least", 1.0), "safety_least_time_ms": ("safety_least_time", 1e3),
+    "safety_after": ("safety_after", 1.0), "first_slips_at_times_this_blast": ("margin", 1.0),
+}  # fmt: skip
 OF_DIFFERENCE = 0.5  # error of a run over its difference to that: 0.6 to 1.7 times the exact one
 log = logging.getLogger(__name__)
 
@@ -152,6 +161,9 @@ def run(
     tell("check", 0, 1)
     checked = check(project)
     prepared = preparation.prepare(model, project.duration, progress)
+    stability = None
+    if model.joints:
+        stability = Stability(project, prepared, checked.summary.removable > 0)
 
     def unfinished(folder: Path) -> bool:
         return _is_checkpoint_of(folder, prepared.fingerprint)
@@ -168,13 +180,14 @@ def run(
                 snapshot_times=[t + project.lead for t in project.config.run.snapshots_s],
                 prepared=prepared,
                 peaks_to=project.shot.highest_frequency,
+                observer=stability and stability.observer,
             )
         except KeyboardInterrupt:
             raise Interrupted(
                 f"checkpoint written to {checkpoint}; the same command goes on from there"
             ) from None
         tell("writing", 0, 1)
-        outcome = _conclude(project, checked, run_, folder)
+        outcome = _conclude(project, checked, run_, folder, stability)
         if error:
             for name, value in measured_errors(project, outcome.seismograms, progress).items():
                 outcome.result.summary["receivers"][name]["expected_error"]["measured"] = value
@@ -260,7 +273,13 @@ def _is_checkpoint_of(folder: Path, fingerprint: str) -> bool:
     return attributes.get("input_sha256") == fingerprint
 
 
-def _conclude(project: Project, checked: Check, run_: Run, folder: Path) -> Outcome:
+def _conclude(
+    project: Project,
+    checked: Check,
+    run_: Run,
+    folder: Path,
+    stability: Stability | None = None,
+) -> Outcome:
     """Compare with records and gather everything in a `Result`."""
     simulated = project.simulated(run_.seismograms)
     comparisons = compare_all(project, simulated)
@@ -300,6 +319,11 @@ def _conclude(project: Project, checked: Check, run_: Run, folder: Path) -> Outc
     }  # fmt: skip
     summary = summarise_run(project, checked, run_, simulated, comparisons)
     summary["seismograms"] = seismogram_heads(groups)
+    summary["stability"] = stability and stability.table(run_)
+    if stability is not None:
+        observed = stability.arrays()
+        arrays["contacts"] |= observed["contacts"]
+        arrays["joint_histories"] = observed["joint_histories"]
     result = Result(arrays, summary)
     return Outcome(folder, simulated, comparisons, checked, run_, result)
 
@@ -378,6 +402,12 @@ def result_tables(summary: dict) -> dict[str, str]:
              for f in summary["findings"]],
         ),
     }  # fmt: skip
+    stability = summary.get("stability") or {"joints": {}}
+    if stability["joints"]:
+        tables["joints"] = csv_table(("joint", *JOINT_HEADS), [
+            [name, *(_times(factor, row[key]) for key, factor in JOINT_HEADS.values())]
+            for name, row in stability["joints"].items()
+        ])  # fmt: skip
     if comparisons:
         tables["comparisons"] = csv_table(
             ("receiver", "component", *deviations[:4], "lag_s", "correlation",

@@ -11,7 +11,8 @@ import numpy as np
 
 from ..blasts.compliance import assess_peaks, limit_at
 from ..blasts.peaks import LEVEL
-from ..blasts.site_law import fit_site_law
+from ..blasts.published_laws import HARD_ROCK
+from ..blasts.site_law import fit_site_law, site_law_of_exponent
 from ..errors import InputError, PyblastError, ReadError
 from ..line_records.changes import StepChange, changes, residuals
 from ..line_records.field_records import NOT_RECORDS
@@ -34,7 +35,7 @@ from ..signals.comparison import load_limits
 from ..solver.preparation import versions
 from . import Progress, csv_table, silent, write_tables
 
-RESULT, REPORT, STORE = "site.json", "report.html", "parsed.json"
+OUT, RESULT, REPORT, STORE = "site", "site.json", "report.html", "parsed.json"
 READING = ("recordings", "readers", "signals", "line_records")  # code on which a parse depends
 TABLES = (".csv", ".txt", ".xlsx", ".xlsm")
 KEEP_EVERY = 50  # files after which what was parsed is kept
@@ -90,7 +91,7 @@ def learn_site(
         raise InputError(f"limit curve: one of {', '.join(load_limits())}, got {limit_curve!r}")
     if air_limit is not None and not air_limit > 0.0:
         raise InputError(f"air limit: must be positive, got {air_limit:g} Pa")
-    out, log = folder / "site" if out is None else Path(out), ReadLog()
+    out, log = folder / OUT if out is None else Path(out), ReadLog()
     tables = [_table_of(folder, name) for name in ("blasts", "stations")]
     blasts, stations = read_log(tables[0], log), read_stations_of(tables[1], log)
     used = {*tables, *(folder / blast.holes for blast in blasts if blast.holes)}
@@ -143,9 +144,10 @@ def _table_of(folder: Path, name: str) -> Path:
 
 def _parsed(folder: Path, out: Path, used: set[Path], tell: Progress):
     """Return the peaks of all records, refused files with reasons, and the hash of all files."""
+    ours = {out.resolve(), (folder / OUT).resolve()}
     paths = [
         path for path in sorted(folder.rglob("*"))
-        if path.is_file() and path not in used and out not in path.parents
+        if path.is_file() and path not in used and ours.isdisjoint(path.resolve().parents)
         and not any(part.startswith(".") for part in path.relative_to(folder).parts)
     ]  # fmt: skip
     code = code_hash(READING)
@@ -207,6 +209,7 @@ def _parse(path: Path, name: str) -> list[dict] | str:
         return plain([asdict(record) for record in read_peaks(path, name)])
     except PyblastError as error:
         reason = str(error).removeprefix(f"{path}").lstrip(":, ")
+        reason = reason.replace("read it with read_gather", "pyblast records analyses it")
         other = path.suffix in NOT_RECORDS and reason.startswith("is none of")
         return "is no record" if other else reason
 
@@ -258,15 +261,19 @@ def law_of(site: Joined, exponent: float, quantity: str) -> dict:
     trigger = np.array([station.trigger for station in site.stations])
     peak = np.where(below, trigger, peak)
     known = np.isfinite(peak) & np.isfinite(distance) & np.isfinite(charge) & (distance > 0.0)
+    rows, fixed = (distance[known], charge[known], peak[known]), ""
     try:
-        law = fit_site_law(distance[known], charge[known], peak[known], exponent, below[known])
+        law = fit_site_law(*rows, exponent, below[known])
     except InputError as error:
-        return {"refused": str(error)}
+        fixed, seen = str(error), ~below[known]
+        if quantity != "largest" or seen.sum() < FEWEST:
+            return {"refused": fixed}
+        law = site_law_of_exponent(*(row[seen] for row in rows), HARD_ROCK.beta, exponent)
     at = np.geomspace(*law.reach, 60)
     levels = {f"{share:g}": law.peak(at, 1.0).level(share) for share in (0.5, 0.95)}
     return {
         "k": law.k, "beta": law.beta, "beta_90": law.beta_interval(), "s": law.s, "n": law.n,
-        "r2": law.r2, "charge_exponent": exponent, "notes": law.notes,
+        "r2": law.r2, "fixed": fixed, "charge_exponent": exponent, "notes": law.notes,
         "below": int(below[known].sum()), "scaled_distance": at, "levels": levels,
         "outliers": _outliers(site, law, np.where(below, np.nan, peak), distance, charge),
     }  # fmt: skip

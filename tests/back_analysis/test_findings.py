@@ -57,6 +57,7 @@ def test_a_model_that_lacks_something_is_said_and_no_value_is_called_well_constr
 
     assert result.fit.posterior.level > 0.01
     assert "pyblast diagnose project.toml" in lack.text
+    assert ("hardly more" in lack.text) == (result.fit.posterior.level < 0.015)
     assert "The model lacks something" in page
     assert not any(result.constraint(n) == "well" for n in range(len(PARAMETERS)))
     assert ">well<" not in page

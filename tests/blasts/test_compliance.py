@@ -11,6 +11,7 @@ from pyblast.blasts.compliance import (
     compliance_csv,
     conclusion,
     explain,
+    free_field,
     share_at_level,
 )
 from pyblast.blasts.peaks import PeaksOfLaw
@@ -153,3 +154,45 @@ def test_a_level_by_a_published_law_alone_is_not_to_be_signed_but_a_record_is():
     assert conclusion([recorded], True).startswith(
         f"Allowed: at most {100.0 * recorded['share']:.3g} %"
     )
+
+
+def test_the_foundation_takes_the_transfer_and_the_ground_does_not():
+    motion = sines((0.004, 20.0), (0.0, 1.0), (0.0, 1.0))
+    foundation, ground = (
+        (assess(motion, key), assess(motion, key, transfer=0.6))
+        for key in ("din_4150_dwelling", "usbm_plaster")
+    )
+
+    assert foundation[1].peak == pytest.approx(0.6 * foundation[0].peak)
+    assert foundation[1].share == pytest.approx(0.6 * foundation[0].share)
+    assert foundation[1].frequency == foundation[0].frequency
+    assert "0.6 times those of the free ground, for the foundation" in " ".join(
+        explain(foundation[1].table())
+    )
+    assert (ground[1].peak, ground[1].transfer) == (ground[0].peak, 1.0)
+
+
+def test_free_ground_beside_a_limit_of_the_building_is_said():
+    found = free_field(["din_4150_dwelling", "usbm_plaster"], ["house"])
+
+    assert found.code == "D51"
+    assert "dwellings, foundation (foundation)" in found.text
+    assert "USBM" not in found.text
+    assert free_field(["usbm_plaster"], ["house"]) is None
+    assert free_field(["din_4150_dwelling"], []) is None
+
+
+def test_a_spectrum_that_decides_otherwise_is_said():
+    row = assess(sines((0.004, 20.0), (0.0, 1.0), (0.0, 1.0)), "din_4150_dwelling").table()
+
+    alike, apart = (
+        conclusion(
+            [row | {"peak": 6e-3, "share": 0.6, "limit": 0.01, "spectral_limit": limit}], True
+        )
+        for limit in (0.008, 0.005)
+    )
+
+    assert row["spectral_frequency"] == pytest.approx(20.0, rel=0.02)
+    assert row["spectral_limit"] == pytest.approx(row["limit"], rel=0.02)
+    assert "spectrum" not in alike
+    assert "the limit is 5 mm/s and the share 120 % of it" in apart

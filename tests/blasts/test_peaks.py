@@ -64,3 +64,16 @@ def test_drawn_peaks_have_their_own_quantiles_and_shares():
     assert np.isnan(peaks.charge_below(0.5)).all()
     with pytest.raises(InputError, match=r"share must lie between 0 and 1, got 95"):
         peaks.level(95)
+
+
+def test_the_error_of_a_level_widens_drawn_peaks_to_its_own_quantiles():
+    drawn = DrawnPeaks(("one", "two"), np.full((3, 2), 2e-3))
+    error = PeaksOfLaw(1.0, 0.3, 0.2)
+
+    wide = drawn.under([error, None])
+
+    assert wide.level(0.95)[0] == pytest.approx(2e-3 * error.level(0.95), rel=0.02)
+    assert wide.share_below(np.array([2e-3 * error.level(0.8), 3e-3])) == pytest.approx(
+        [0.8, 1.0], abs=0.01
+    )
+    assert np.all(wide.peaks[:, 1] == 2e-3)

@@ -11,7 +11,11 @@ from scipy import stats
 from typer.testing import CliRunner
 
 from pyblast import InputError, fit_site_law
-from pyblast.blasts.site_law import read_site_records, scaled_distance_ppv
+from pyblast.blasts.site_law import (
+    read_site_records,
+    scaled_distance_ppv,
+    site_law_of_exponent,
+)
 from pyblast.cli.commands import app
 from pyblast.errors import ReadError
 
@@ -241,3 +245,17 @@ def test_peaks_below_the_trigger_do_not_bend_the_law():
     assert beta["as bounds"] == pytest.approx(1.5, abs=0.03)
     assert beta["left out"] < 1.4
     assert np.mean([law.s for law in found["as bounds"]]) == pytest.approx(0.2, rel=0.05)
+
+
+def test_law_of_a_given_exponent_has_the_level_of_its_records():
+    distance = np.linspace(100.0, 110.0, 8)
+    ppv = 0.7 * (distance / 5.0) ** -1.6 * 10.0 ** np.resize([0.1, -0.1], 8)
+
+    law = site_law_of_exponent(distance, np.full(8, 25.0), ppv, 1.6)
+
+    assert law.k == pytest.approx(0.7)
+    assert law.n_free == 7
+    assert law.s == pytest.approx(0.1 * np.sqrt(8 / 7))
+    assert law.peak(105.0, 25.0).level(0.5) == pytest.approx(0.7 * 21.0**-1.6)
+    with pytest.raises(InputError, match="5 records; at least 6"):
+        site_law_of_exponent(distance[:5], np.full(5, 25.0), ppv[:5], 1.6)

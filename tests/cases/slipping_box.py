@@ -1,4 +1,4 @@
-"""A box with two joints that slip and open, and the bits of its run."""
+"""A box with two joints that slip and open, the bits of its run, a column with one joint."""
 
 import hashlib
 
@@ -16,6 +16,8 @@ from verification.columns import ROCK, ricker
 DT = 1e-3
 TIMES = np.arange(0.0, 0.1, DT)
 SIDES = ("west", "east", "south", "north", "bottom")
+ALL_SIDES = *SIDES, "top"
+PULSE = np.arange(0.0, 0.06, 5e-4)
 WEAK = {"kn": 2e9, "ks": 1e9, "cohesion": 0.0, "friction": 0.4, "tension": 0.0}
 
 
@@ -43,6 +45,18 @@ def slipping_model(**parts):
         insitu=InSitu(),
         **parts,
     )
+
+
+def sheared(size, **strength):
+    """Return a column with one joint that a shear wave crosses."""
+    mesh = structured_box((12, 2, 2), (60.0, 10.0, 10.0), planes={"J": ("x", 30.0)}).split(["J"])
+    motion = size * ricker(PULSE, 40.0)[:, None] * [0.0, 1.0, 0.0]
+    properties = {"kn": 4e9, "ks": 2e9, "cohesion": 2e5, "friction": 0.3, "tension": 1e5}
+    return Model(
+        mesh, {"rock": ROCK}, [Joint("J", "coulomb", properties | strength, insitu_pressure=1e5)],
+        [*map(Viscous, ALL_SIDES), StressInput("west", Seismogram(motion, PULSE[1]))],
+        receivers=[Receiver("A", (45.0, 5.0, 5.0))],
+    )  # fmt: skip
 
 
 def digest(result):

@@ -32,7 +32,7 @@ def test_a_run_writes_everything(tmp_path):
     names = {path.name for path in (tmp_path / "results" / "001").iterdir()}
     assert names == {
         "result.h5", "summary.json", "report.html", "report_one_page.html", "compliance.csv",
-        "receivers.csv", "findings.csv", "holes.csv", "tables.xlsx", "curves",
+        "receivers.csv", "findings.csv", "holes.csv", "joints.csv", "tables.xlsx", "curves",
         "zones.vtu", "joint_01.vtu", "model.vtm", "features.geojson",
         "surface_peaks.csv", "surface_peaks.asc",
         "motion_000.vtu", "motion.pvd",

@@ -281,6 +281,12 @@ def lengthen(file):
         handle["arrays/node_mass"] = np.ones(7)
 
 
+def empty(file):
+    with h5py.File(file, "r+") as handle:
+        del handle["arrays/node_start"]
+        handle["arrays/node_start"] = np.zeros(0, dtype=np.int32)
+
+
 def point_outside(file):
     with h5py.File(file, "r+") as handle:
         handle["arrays/load_node"][0] = 10**6
@@ -319,7 +325,7 @@ def lose_delay(file):
 
 @pytest.mark.parametrize(
     "damage",
-    [cut, remove_array, lengthen, point_outside, point_before, change_kind, age, stop_time,
+    [cut, remove_array, lengthen, empty, point_outside, point_before, change_kind, age, stop_time,
      raise_order, lose_delay],
 )  # fmt: skip
 def test_a_broken_model_file_is_refused_in_one_sentence(damage, exported, tmp_path):

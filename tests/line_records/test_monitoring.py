@@ -1,5 +1,6 @@
 """Records joined to the blasts of a log: by place, time and names, and why some are not."""
 
+import time
 from dataclasses import replace
 
 import numpy as np
@@ -90,6 +91,17 @@ def test_a_clock_without_summer_time_joins_in_both_seasons():
 
     assert len(found.records) == 10
     assert found.clocks == {"farm": {-1: 6}}
+
+
+def test_times_are_those_of_the_clock_in_any_time_zone(monkeypatch):
+    log = [blast("B1", "2026-03-29T01:50:00"), blast("B2", "2026-03-29T02:40:00")]
+    for zone in ("UTC", "Europe/Berlin"):  # there 02:40 did not exist
+        monkeypatch.setenv("TZ", zone)
+        time.tzset()
+        found = joined(log, STATIONS, [record("a.csv", "2026-03-29T02:41:00")])
+        assert sorted(found.records) == [(1, 0)]
+    monkeypatch.undo()
+    time.tzset()
 
 
 def test_of_two_records_of_one_blast_the_stronger_counts():

@@ -1,6 +1,7 @@
 """The level of a project: peaks of a wrong source, unit or charge are named, others pass."""
 
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,8 +10,10 @@ from small_project import INSIDE, written
 from pyblast.blasts.blast import Blast
 from pyblast.blasts.published_laws import BY_NAME, HARD_ROCK, plausible_ppv
 from pyblast.blasts.signature import ground_peak
+from pyblast.config.ground import BenchConfig
 from pyblast.errors import InputError
 from pyblast.model.material import Material
+from pyblast.project import level
 from pyblast.project.level import (
     Peak,
     SourceEnergy,
@@ -25,6 +28,7 @@ from pyblast.project.level import (
     level_rank,
     moment_rate_words,
     off_its_law,
+    on_crest,
     plausible_at,
     predicted_peak,
     radiated_energy,
@@ -430,3 +434,26 @@ def test_after_a_run_the_energy_is_the_work_of_its_sources(tmp_path):
 
     assert (energy.put_in, energy.returned) == (2e6, 3e6)
     assert energy.table()["explosive_j"] == pytest.approx(150.0 * 3.8e6)
+
+
+def test_a_receiver_within_the_height_of_a_bench_of_its_crest_stands_on_it():
+    bench = BenchConfig(crest_m=[[60.0, 0.0, 0.0], [60.0, 90.0, 0.0]], height_m=15.0)
+
+    assert on_crest([bench], (50.0, 45.0, 0.0))
+    assert not on_crest([bench], (44.0, 45.0, 0.0))
+    assert not on_crest([bench], (60.0, 110.0, 0.0))
+    assert not on_crest([], (60.0, 45.0, 0.0))
+
+
+def test_a_crest_that_moves_more_than_the_law_is_named_and_does_not_fail():
+    law = SimpleNamespace(name="law")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(level, "anchoring_law", lambda _: law)
+        peaks = [Peak("crest", 0.040, None, predicted=0.010, on_crest=True)]
+
+        crest = off_its_law(None, peaks)
+        flat = off_its_law(None, [peaks[0]._replace(on_crest=False)])
+
+    assert not crest.failed
+    assert "At crest, beside the crest of a bench" in crest.text
+    assert flat.failed

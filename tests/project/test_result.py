@@ -10,6 +10,7 @@ from pyblast.project.result import (
     plain,
     read_result,
     seismogram_heads,
+    too_symmetric,
     write_csv,
     write_result,
     write_summary,
@@ -97,3 +98,19 @@ def test_a_table_of_motion_is_read_again_as_a_recording(tmp_path, record):
 
     assert found.velocity == pytest.approx(record.velocity, rel=1e-8)
     assert found.start == pytest.approx(record.start)
+
+
+def test_motion_without_a_transverse_part_is_named_with_its_vector_sum():
+    def record(across):
+        wave = 0.01 * np.sin(np.linspace(0.0, 20.0, 400))[:, None] * [1.0, across, 0.0]
+        names = ("longitudinal", "transverse", "vertical")
+        return Seismogram(wave, 1e-3, components=names)
+
+    found = too_symmetric({"house": record(0.04), "mill": record(0.5)})
+
+    assert found.code == "D50"
+    assert found.numbers == {"house": pytest.approx(0.04)}
+    assert "house 4 % (vector sum 10, " in found.text
+    assert "11.2 to 14.1 mm/s" in found.text
+    assert too_symmetric({"mill": record(0.3)}) is None
+    assert too_symmetric({"mill": record(0.0).rotated(0.3)}) is None

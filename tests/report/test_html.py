@@ -54,8 +54,8 @@ def test_the_page_needs_no_network(page):
     parser.feed(page)
 
     assert all(link.startswith(("data:image/png;base64,", "#")) for link in parser.links)
-    # data of seismograms, view, energy and limit curves, and three that draw them, all inside
-    assert parser.tags.count("script") == 7
+    # data of seismograms, view, energy, limit curves and slip, and three that draw them, all inside
+    assert parser.tags.count("script") == 8
     assert "fetch(" not in page
     assert "http" not in re.sub(r"<script.*?</script>", "", page, flags=re.DOTALL)
     assert "link" not in parser.tags
@@ -80,8 +80,8 @@ def test_the_page_warns_of_failing_checks_and_short_records_before_the_peaks(pag
 def test_figures_are_those_of_the_project_not_of_a_paper(page):
     assert "of the paper" not in page
     images = re.findall(r'src="data:image/png;base64,([^"]+)"', page)
-    assert len(images) == 4
-    assert page.count('class="plot"') == 2  # limit curves, energy
+    assert len(images) == 3
+    assert page.count('class="plot"') == 3  # limit curves, slip, energy
     assert page.count('class="waveform"') == 3  # single hole, input, receiver
     assert all(base64.b64decode(image)[:8] == b"\x89PNG\r\n\x1a\n" for image in images)
 

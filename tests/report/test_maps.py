@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from small_project import written
@@ -13,6 +15,7 @@ from pyblast.report.maps import (
     shown_surface,
     stereonet_figure,
     surface_of,
+    write_surface,
 )
 from pyblast.workflows import run
 
@@ -72,6 +75,19 @@ def test_peaks_of_the_surface_hold_those_of_the_receiver(folder):
 
     assert len(table) == len(np.unique(shown_surface(result)[1]))
     assert near.min() <= 1e3 * receiver["simulated"]["pvs"] <= 1.02 * near.max(), name
+
+
+def test_peaks_of_the_surface_are_in_coordinates_of_the_site(folder, tmp_path):
+    result = read_result(folder / "result.h5")
+    shifted = replace(result, summary=result.summary | {"shift_m": [100.0, -20.0, 5.0]})
+
+    write_surface(tmp_path, shifted)
+
+    here, site = (
+        np.genfromtxt(each / "surface_peaks.csv", delimiter=",", skip_header=1)
+        for each in (folder, tmp_path)
+    )
+    assert here - site == pytest.approx(np.tile([100.0, -20.0, 5.0, 0.0], (len(here), 1)))
 
 
 @pytest.mark.parametrize("order", [None, 3])

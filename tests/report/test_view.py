@@ -327,6 +327,7 @@ look.value = "south"; look.onchange(); out.turned = picture() !== first;
 var whole = picture(); pick("cut", "north"); out.cut = picture() !== whole;
 out.face = found(5, 25);
 pick("cut", ""); look.value = "south"; look.onchange(); out.side = found(5, 25);
+pick("field", "share"); out.share = document.querySelector(".view .names").textContent;
 out.open = document.querySelector("details.values").open;
 document.title = JSON.stringify(out);
 """
@@ -335,8 +336,10 @@ document.title = JSON.stringify(out);
 @pytest.mark.skipif(CHROMIUM is None, reason="needs Chromium")
 def test_a_browser_turns_cuts_clicks_and_reads_numbers(result, tmp_path):
     drawn = scene(result)
+    limits = {"rows": [{"receiver": "R1", "share": 0.73}]}
+    judged = Result(result.arrays, result.summary | {"compliance": limits})
 
-    out = in_browser(tmp_path, ModelView(result).page(), PROBE)
+    out = in_browser(tmp_path, ModelView(judged).page(), PROBE)
 
     if os.getloadavg()[0] < os.cpu_count():  # else it is the time of others, too
         assert out["ms"] < 2000
@@ -357,4 +360,5 @@ def test_a_browser_turns_cuts_clicks_and_reads_numbers(result, tmp_path):
     assert middle == pytest.approx(10.0, abs=0.11)  # the cut goes through the middle
     assert "south side: viscous" in out["side"]
     assert not out["open"]
+    assert "R1 73 %" in out["share"]
     assert drawn["fields"]["ppv"]["low"] <= peak <= drawn["fields"]["ppv"]["high"]

@@ -5,19 +5,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from slipping_box import sheared
 
-from pyblast.mesh.builder import structured_box
-from pyblast.model.boundary import StressInput, Viscous
 from pyblast.model.joint import Joint
-from pyblast.model.model import Model, Receiver
-from pyblast.signals.seismogram import Seismogram
 from pyblast.solver.run import simulate
 from pyblast.solver.slip import run_with_slip, slip_factors
-from verification.columns import ROCK, ricker
 
 NORMAL = np.array([[1.0, 0.0, 0.0]])
-SIDES = ("west", "east", "south", "north", "bottom", "top")
-TIMES = np.arange(0.0, 0.06, 5e-4)
 
 
 def factor(initial, moved, cohesion=1e5, friction=0.5, tension=0.0):
@@ -85,18 +79,6 @@ def test_the_margin_is_the_least_factor_that_reaches_the_strength(rest):
             or min(found, wanted) > 14.9
             or (found == 0.0 and wanted < 1e-4)
         )
-
-
-def sheared(size, **strength):
-    """Return a column with one joint that a shear wave crosses."""
-    mesh = structured_box((12, 2, 2), (60.0, 10.0, 10.0), planes={"J": ("x", 30.0)}).split(["J"])
-    motion = size * ricker(TIMES, 40.0)[:, None] * [0.0, 1.0, 0.0]
-    properties = {"kn": 4e9, "ks": 2e9, "cohesion": 2e5, "friction": 0.3, "tension": 1e5}
-    return Model(
-        mesh, {"rock": ROCK}, [Joint("J", "coulomb", properties | strength, insitu_pressure=1e5)],
-        [*map(Viscous, SIDES), StressInput("west", Seismogram(motion, TIMES[1]))],
-        receivers=[Receiver("A", (45.0, 5.0, 5.0))],
-    )  # fmt: skip
 
 
 def test_a_watched_run_is_the_run_itself():

@@ -12,6 +12,7 @@ from small_project import INSIDE, written
 from pyblast import Seismogram, load_project
 from pyblast.errors import InputError
 from pyblast.project.result import write_csv
+from pyblast.report.delays import limits_kept
 from pyblast.signals.seismogram import BLAST_AXES
 from pyblast.simulation.simulation import in_batches
 from pyblast.workflows.delays import house_limits, optimise_delays
@@ -213,3 +214,16 @@ def test_delays_by_motion_that_the_mesh_does_not_carry_are_refused(tmp_path):
         path.write_text(fast + TABLE + band + house)
         with pytest.raises(InputError, match=words):
             optimise_delays(path)
+
+
+def test_a_plan_says_first_whether_it_keeps_all_limits_at_95_percent():
+    def house(name, high, law=""):
+        return {"name": name, "limit": 5e-3, "level_by": law, "after": {"high": high}}
+
+    kept = limits_kept([house("near", 4e-3), house("far", 1e-3)])
+    broken = limits_kept([house("near", 9e-3, "AS 2187.2-1993"), house("far", 1e-3)])
+
+    assert kept.startswith("the best plan keeps the limits, nearest at near")
+    assert "stay below 4 of 5 mm/s" in kept
+    assert broken.startswith("no plan keeps the limit at near")
+    assert broken.endswith("9 of 5 mm/s by AS 2187.2-1993")

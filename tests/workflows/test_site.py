@@ -10,6 +10,7 @@ import pytest
 from command_line import call
 
 from pyblast import InputError
+from pyblast.blasts.published_laws import HARD_ROCK
 from pyblast.line_records import monitoring
 from pyblast.workflows import site as workflow
 from pyblast.workflows.site import learn_site
@@ -140,6 +141,42 @@ def test_a_limit_of_a_share_of_blasts_is_judged(quarry):
         assert f"{row['station']}: {100 * row['share']:.3g} %" in done.output
     for wrong in (("--ceiling", 3), ("--most", 3, "--since", "soon"), ("--most", 3, "--share", 2)):
         assert call("site", quarry, *wrong).exit_code == 2
+
+
+def test_one_vertical_channel_at_one_station_without_charges_is_still_compared(quarry):
+    for path in (quarry / "records").iterdir():
+        if path.name.startswith("farm"):
+            head, rows = path.read_text().split('"Tran","Vert","Long"\n')
+            body = "\n".join(line.split(",")[1] for line in rows.splitlines())
+            path.write_text(f'{head}"Vert"\n{body}\n')
+        else:
+            path.unlink()
+    lines = (quarry / "blasts.csv").read_text().splitlines()
+    (quarry / "blasts.csv").write_text("\n".join(line.rsplit(",", 2)[0] for line in lines) + "\n")
+
+    done = call("site", quarry)
+
+    assert done.exit_code == 0, done.output
+    summary = json.loads((quarry / "site" / "site.json").read_text())
+    assert len(summary["records"]) == 24
+    assert all(row["quantity"] == "vertical" for row in summary["records"])
+    assert "at least 6 are needed" in summary["law"]["refused"]
+    assert summary["changes"] == summary["forecasts"] == []
+
+
+def test_where_distances_are_few_the_exponent_of_a_published_law_is_taken(quarry):
+    for path in (quarry / "records").iterdir():
+        if not path.name.startswith("farm"):
+            path.unlink()
+
+    done = call("site", quarry)
+
+    law = json.loads((quarry / "site" / "site.json").read_text())["law"]
+    assert "span a factor of" in law["fixed"]
+    assert law["beta"] == HARD_ROCK.beta
+    assert "an exponent that is taken, not fitted" in done.output
+    at = int(np.argmin(np.abs(np.array(law["scaled_distance"]) - 45.0)))
+    assert law["levels"]["0.5"][at] == pytest.approx(0.6 * 45.0**-1.5, rel=0.35)
 
 
 def test_air_overpressure_has_its_law_and_limit(quarry):

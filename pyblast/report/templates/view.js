@@ -255,7 +255,7 @@
       var element = document.createElement("div");
       element.textContent = words;
       var made = new THREE.CSS2DObject(element);
-      made.position.fromArray(at); made.center.set(-0.1, 1); made.part = part;
+      made.position.fromArray(at); made.center.set(0, 1); made.part = part;
       if (first) labels.unshift(made);
       else labels.push(made);
       world.add(made);
@@ -299,7 +299,7 @@
         ring.push(at[0] + 0.5 * point.resolution_m * Math.cos(n * Math.PI / 36), at[1] + 0.5 * point.resolution_m * Math.sin(n * Math.PI / 36), height);
       });
       world.add.apply(world, linesOf(ring, 3, PLANE.named, []));
-      label([at[0], at[1], height], "the residual comes from here", true);
+      label([at[0], at[1] + 0.5 * point.resolution_m, height], "the residual comes from here", false);
     }
     function holes() {
       var bores = [], charges = [], paint = [];
@@ -448,8 +448,9 @@
       labels.forEach(function (one) {
         at.copy(one.position).project(camera);
         var x = w * at.x, y = h * at.y;
-        one.visible = !(one.part && one.part.hidden) && !kept.some(function (k) { return Math.abs(k[0] - x) < APART && Math.abs(k[1] - y) < APART; });
-        if (one.visible) kept.push([x, y]);
+        var wide = Math.max(APART, 6 * one.element.textContent.length);  // px, about
+        one.visible = !(one.part && one.part.hidden) && !kept.some(function (k) { return x < k[0] + k[2] && k[0] < x + wide && Math.abs(k[1] - y) < APART; });
+        if (one.visible) kept.push([x, y, wide]);
       });
       var metres = Math.pow(10, Math.floor(Math.log10(0.6 * w / pixels())));
       [5, 2].some(function (m) { if (m * metres * pixels() < 0.6 * w) { metres *= m; return true; } return false; });
