@@ -22,7 +22,8 @@ import obspy
 from scipy import fft
 
 from pyblast.diagnosis.case import Case, case_of
-from pyblast.diagnosis.scores import SiteScores, error_of, main_blasts, members_of
+from pyblast.diagnosis.error import with_calibrated
+from pyblast.diagnosis.scores import SiteScores, main_blasts, members_of, of_speeds
 from pyblast.diagnosis.thresholds import LEAD
 from pyblast.inference.error_model import Change
 from pyblast.model.material import Material
@@ -47,7 +48,8 @@ def row(site, folder):
     case = case_of(read_case(SITES / f"case-{site}" / "B2.toml"))
     scene, _ = prepared(case, folder)
     members = members_of(scene)
-    scores = SiteScores(scene, error_of(scene, members), tuple(members), 1)
+    scene.error = with_calibrated(scene.error, of_speeds(scene, members))
+    scores = SiteScores(scene, tuple(members), 1)
     truth = tomllib.loads((SITES / "truth" / f"case-{site}" / "truth.toml").read_text())
     label = truth["effects"][0]
     null, effect = _null_and_effect(scene, site, truth)

@@ -7,11 +7,12 @@ import numpy as np
 from scipy import signal
 
 from pyblast.diagnosis.calibration import calibrate
-from pyblast.diagnosis.effects import Scene
-from pyblast.diagnosis.fitting import fit, fit_partly
+from pyblast.diagnosis.effects import Scene, starting_effects
+from pyblast.diagnosis.error import with_calibrated
+from pyblast.diagnosis.fitting import fit
 from pyblast.diagnosis.forward import hole_motion, simulation_of
 from pyblast.diagnosis.hypotheses import LIBRARY, blast_and_hole
-from pyblast.diagnosis.search import starting_effects
+from pyblast.inference.error_model import Change
 
 from .case_files import read_asked
 from .running import case_in, predictions
@@ -33,8 +34,8 @@ def right(store: Path, name: str, truth: dict) -> dict:
     simulation = simulation_of(case, runs)
     baseline = calibrate(case, simulation, simulation_of(case, runs, finer=True))
     motion = motion_of(store, name, truth)
-    found = {"length": length(case, baseline, motion), "predicted": None}
     scene = Scene(simulation, baseline, hole_motion(simulation, case, baseline.project))
+    found = {"length": length(scene, motion), "predicted": None}
     effects = [_best_start(scene, one) for one in truth["effects"]]
     if all(one is not None for one in effects):
         on_site = any(one.hypothesis.on == "site" for one in effects)
@@ -54,22 +55,19 @@ def motion_of(store: Path, name: str, truth: dict) -> dict:
         return {key: arrays[key][..., BEFORE:].astype(float) for key in arrays.files}
 
 
-def length(case, baseline, motion) -> float:
+def length(scene, motion) -> float:
     """Return d' of all effects of a case together."""
+    case = scene.case
     names = [r.name for r in case.project.receivers]
     at = [names.index(name) for name in case.receivers]
     change = np.stack(
         [(motion[f"clean {b}"] - motion[f"without {b}"])[at] for b in case.blasts]
     )  # fmt: skip
-    likelihood = baseline.likelihood
-    white = likelihood.whiten(change[..., : case.n_samples])
-    columns = likelihood.whiten(baseline.slopes * baseline.sigma[:, None, None, None, None])
-    weights = likelihood.n_effective / np.maximum(likelihood.n_data, 1)
-    pull = np.einsum("ibrm,brm,br->i", columns, white, weights, optimize=True)
-    bend = np.einsum("ibrm,jbrm,br->ij", columns, columns, weights, optimize=True)
-    square = np.einsum("brm,brm,br->", white, white, weights)
-    taken = pull @ np.linalg.solve(bend + np.eye(len(bend)), pull)
-    return float(np.sqrt(max(square - taken, 0.0)))
+    shape = scene.seen(change[..., : case.n_samples])
+    columns = scene.seen(scene.baseline.slopes * scene.baseline.sigma[:, None, None, None, None])
+    residual = case.band.project(case.residual(scene.baseline.motion))
+    scores = with_calibrated(scene.error, columns).scores(residual[None], [Change(shape[None])])
+    return float(np.sqrt(scores.length[0][0, 0]))
 
 
 def _best_start(scene, hidden):
@@ -82,9 +80,10 @@ def _best_start(scene, hidden):
             for one in starting_effects(hypothesis, target, scene):
                 on_site = hypothesis.on == "site"
                 home = np.zeros(len(scene.baseline.values)) if on_site else scene.baseline.values
-                squares, effects = fit_partly(scene, (one,), home, n_last=0 if on_site else 1)
-                trials.append((squares, effects[-1]))
-    return min(trials, key=lambda one: one[0], default=(None, None))[1]
+                fitted = fit(scene, (one,), home)
+                if fitted is not None:
+                    trials.append((fitted.log_evidence, fitted.effects[0]))
+    return max(trials, key=lambda one: one[0], default=(None, None))[1]
 
 
 def _there(targets, wanted):

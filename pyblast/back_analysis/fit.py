@@ -7,11 +7,20 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..errors import InputError, PyblastError, SolverError
+from ..errors import InputError, PyblastError
 from ..inference.covariance import record_blocks
 from ..inference.error_model import NORMAL_95, ErrorModel, Levels, Posterior
+from ..inference.fit import ENOUGH, Coordinates, FitState, minimise, step_of
 from ..inference.nuisances import Linearised, nuisances_of
-from ..inference.parameter import DENSITY, GEOMETRY, SPEED, STIFFNESS, Parameter, set_all
+from ..inference.parameter import (
+    DENSITY,
+    GEOMETRY,
+    SPEED,
+    STIFFNESS,
+    Parameter,
+    Spent,
+    set_all,
+)
 from ..inference.records import Records, band_functions
 from ..project.places import firings_of, on_ground
 from ..project.project import Project
@@ -36,20 +45,12 @@ PROBE = 0.04  # of the shortest wavelength: how far beside a receiver its slopes
 PROGRAMS = {"cp": 0.006, "cs": 0.003, "kn": 0.05, "ks": 0.05}
 LONGEST = {SPEED: 0.06, STIFFNESS: 0.7}  # step of a coordinate
 LONGEST_OTHER = 0.5
-ENOUGH = 0.2  # posterior deviations: a step below ends the search
-NEAR = 3.0  # posterior deviations: a step below, after a long way, asks for new derivatives
-LONG = 0.14  # of the longest step, above which Broyden's rule updates the derivatives
 HALF = 0.5  # of the energy: more that remains asks for a second start
-STEPS = 10  # of one start
 EXPECTED_STEPS = 3
-HALVINGS = 2
+LAST_STEPS = 3  # by all levels
 WORSE = 1.1, 0.02  # factor on the energy that remains, and more, at which a step is shortened
 LACK = 0.01  # of the energy: more model error than this means that the model lacks something
 WORK_OF_BETTER = 3.5  # of a run on the better mesh, over one on the working mesh
-
-
-class Spent(Exception):
-    """All runs that were allowed are done."""
 
 
 class _Trial(NamedTuple):
@@ -70,15 +71,6 @@ def on_mesh_of_band(blasts: Sequence[Project], highest: float) -> tuple[Project,
         blast = replace(blast, meshes=blasts[0].meshes, span=span)
         meshed.append(blast.changed(mesh=blast.for_band(highest)))
     return tuple(meshed)
-
-
-@dataclass(eq=False)
-class _State:
-    """Where a fit stands: coordinates, motion there, derivatives by all properties."""
-
-    x: np.ndarray
-    motion: np.ndarray
-    slopes: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,7 +134,7 @@ class Fit:
         """Return the posterior means of the properties, (n,); of those looked for in range."""
         values = self.posterior.mean[: len(self.properties)]
         values = values + [each.prior[0] for each in self.properties]
-        low, high = _bounds(self.properties)
+        low, high = np.array([each.range for each in self.properties]).T
         return np.clip(values, low, high)
 
     def deviations(self) -> np.ndarray:
@@ -206,20 +198,8 @@ def _of_programs(each):
     return PROGRAMS.get(key, 0.0) if each.kind in LONGEST and each.relative else 0.0
 
 
-def _bounds(properties):
-    """Return the bounds of coordinates, (n,) each."""
-    rows = [
-        (each.coordinate(each.low), each.coordinate(each.high))
-        if each.uniform
-        else (-np.inf, np.inf)
-        for each in properties
-    ]
-    low, high = np.array(rows, dtype=float).T
-    return low, high
-
-
 class Fitter:
-    """Gauss-Newton search of the waveforms of a survey; no run is repeated.
+    """Fit of the waveforms of a survey, a problem of `minimise`; no run is repeated.
 
     Parameters
     ----------
@@ -256,10 +236,16 @@ class Fitter:
         everything = (*sought_in(first, parameters), *held_beside(first, parameters))
         self.properties, self.priors = everything, first.config.priors
         self.left_out: dict[str, str] = {}
-        self.mean, self.sigma = np.array([each.prior for each in everything]).T
-        self.moves = np.array([each.moves for each in everything])
-        self.low, self.high = _bounds(everything)
-        self.longest = np.array([LONGEST.get(each.kind, LONGEST_OTHER) for each in everything])
+        self.coordinates = Coordinates(
+            *np.array([each.prior for each in everything]).T,
+            *np.array([each.range for each in everything]).T,
+            np.array([LONGEST.get(each.kind, LONGEST_OTHER) for each in everything]),
+            np.array([each.moves for each in everything]),
+            np.array([each.uniform for each in everything]),
+            np.array([_of_programs(each) for each in everything]),
+        )  # fmt: skip
+        self.renews = False
+        self.compared, self.levels = records, FEW_LEVELS  # in the band that is fitted
         self.correction = self.change = np.zeros(0)
         self.has_better = first.refined(BETTER) is not None
         if not self.has_better:
@@ -301,14 +287,13 @@ class Fitter:
             )
         start = self._first(np.zeros(len(self.properties)))
         low, high = self.records.band.low, self.records.band.high
-        first = self._descend(_copied(start), self.records)
+        first = self._minimised(start.copy(), self.records)
         if first.converged and first.remaining < HALF:
             return first
         try:
-            lower = _in_band(self.records, (low, low + (high - low) / 3.0))
-            second = self._descend(_copied(start), lower)
-            state = _State(second.x, self.last.motion, self.last.slopes)
-            second = self._descend(state, self.records)
+            state = start.copy()
+            self._minimised(state, _in_band(self.records, (low, low + (high - low) / 3.0)))
+            second = self._minimised(state, self.records)
         except (Spent, InputError):  # a band too narrow for the window
             return replace(first, starts=self.starts)
         better = second.posterior.log_evidence > first.posterior.log_evidence
@@ -396,8 +381,8 @@ class Fitter:
         better = others[0] if others else base
         self.correction = better - base
         self.change = np.zeros((len(self.properties), *base.shape))
-        state = _State(x, base, np.zeros_like(self.change))
-        self._derive(state, base)
+        state = FitState(x, base, np.zeros_like(self.change))
+        self.derive(state, base)
         speeds = [n for n, each in enumerate(self.properties) if each.kind == SPEED]
         speeds = speeds if self.has_better else []
         trials = [
@@ -420,12 +405,14 @@ class Fitter:
         """Return the coordinates of the difference by a property, within its range."""
         step = self.properties[n].step
         other = x.copy()
-        other[n] += step if x[n] + step <= self.high[n] else -step
+        other[n] += step if x[n] + step <= self.coordinates.high[n] else -step
         return other
 
-    def _derive(self, state, base):
-        """Take the derivatives by all properties that move, around a state with its plain run."""
-        moving = np.flatnonzero(self.moves)
+    def derive(self, state: FitState, base: np.ndarray | None = None) -> None:
+        """Take the derivatives around a state anew, by its plain run if that is not given."""
+        if base is None:
+            base = self._run([_Trial("reference", state.x)])[0]
+        moving = np.flatnonzero(self.coordinates.moves)
         trials = [_Trial(self.properties[n].name, self._beside(state.x, n)) for n in moving]
         for n, motion in zip(moving, self._run(trials), strict=True):
             step = self._beside(state.x, n)[n] - state.x[n]
@@ -451,92 +438,54 @@ class Fitter:
             return np.zeros_like(base)
         return (motion - base) / each.step
 
-    def _descend(self, state, records) -> Fit:
-        """Take steps from a state until they are small with all levels; keep the last state."""
-        self.starts += 1
-        away, levels = np.zeros_like(state.x), FEW_LEVELS
-        result = self._posterior(state, records, levels)
-        for _ in range(STEPS):
-            move, size = self._step(state, result)
-            if size < ENOUGH and levels is FEW_LEVELS:
-                levels = ALL_LEVELS
-                result = self._posterior(state, records, levels)
-                move, size = self._step(state, result)
-            if size < ENOUGH:
-                break
-            try:
-                if size < NEAR and np.any(np.abs(away) > self.longest):
-                    self._renew(state)
-                    away[:] = 0.0
-                else:
-                    away += self._advance(state, move)
-            except Spent:
-                break
-            except SolverError as error:  # keeps what is known
-                self.left_out["what a further step would change"] = str(error)
-                break
-            result = self._posterior(state, records, levels)
-            self.written(self._result(state, result))
-        self.last = state
-        if levels is FEW_LEVELS:
-            result = self._posterior(state, records, ALL_LEVELS)
-        return self._result(state, result)
+    def _minimised(self, state, records) -> Fit:
+        """Fit records from a state, which moves to where this ends."""
+        self.starts, self.compared = self.starts + 1, records
+        self.levels = FEW_LEVELS
+        minimise(self, state)
+        self.levels = ALL_LEVELS
+        return self._result(state, minimise(self, state, LAST_STEPS))
 
-    def _step(self, state, result):
-        """Return the step to the posterior mean, and its size in posterior deviations."""
-        n = len(self.properties)
-        wanted = np.clip(self.mean + result.mean[:n], self.low, self.high)
-        move = np.where(self.moves, wanted - state.x, 0.0)
-        sought = [k for k, each in enumerate(self.properties) if each.uniform]
-        deviation = np.hypot(result.deviation[:n], [_of_programs(p) for p in self.properties])
-        size = float(np.max(np.abs(move[sought]) / deviation[sought]))
-        return move / max(1.0, float(np.max(np.abs(move) / self.longest))), size
+    def simulated(self, x: np.ndarray) -> np.ndarray:
+        """Return the motion at coordinates (n,), by a run of each blast."""
+        plain = self._run([_Trial("step", x)])[0]
+        return plain + self.correction + np.tensordot(x, self.change, 1)
 
-    def _advance(self, state, move):
-        """Run at a step, shortened where much less is explained, and update the derivatives."""
-        before = remaining(self.records, state.motion)
-        for _ in range(1 + HALVINGS):
-            x = state.x + move
-            plain = self._run([_Trial("step", x)])[0]
-            motion = plain + self.correction + np.tensordot(x, self.change, 1)
-            missed = motion - state.motion - np.tensordot(move, state.slopes, 1)
-            share = move / self.longest
-            if share @ share > LONG**2:  # short ones would only spoil the derivatives
-                update = np.multiply.outer(share / self.longest / (share @ share), missed)
-                state.slopes = state.slopes + update
-            left_over = remaining(self.records, motion)
-            if left_over < WORSE[0] * before + WORSE[1]:
-                break
-            move = 0.5 * move
-        state.x, state.motion = x, motion
-        self.trace.append({"coordinates": x.tolist(), "remaining": left_over})
-        return move
+    def worsened(self, before: FitState, after: FitState) -> bool:
+        """Tell whether a state explains much less of the energy than the one before."""
+        most = WORSE[0] * remaining(self.records, before.motion) + WORSE[1]
+        return remaining(self.records, after.motion) >= most
 
-    def _renew(self, state):
-        """Take the derivatives anew at a state."""
-        base = self._run([_Trial("reference", state.x)])[0]
-        self._derive(state, base)
+    def reached(self, state: FitState, posterior: Posterior) -> None:
+        """Note a state in the trace, and write what is known."""
+        left_over = remaining(self.records, state.motion)
+        self.trace.append({"coordinates": state.x.tolist(), "remaining": left_over})
+        self.written(self._result(state, posterior))
 
-    def _posterior(self, state, records, levels):
-        """Return the posterior of all properties, linear around a state."""
-        band = records.band
+    def ended(self, reason: str) -> None:
+        """Enter why no further step could be taken."""
+        self.left_out["what a further step would change"] = reason
+
+    def posterior(self, state: FitState) -> Posterior:
+        """Return the posterior of all properties, then of amplitude and 1/Q, around a state."""
+        records, band = self.compared, self.compared.band
         around = Linearised(
             state.motion, state.slopes, tuple(each.kind for each in self.properties), self.aside,
             self.correction,
         )  # fmt: skip
         firings = [firings_of(blast, self.records.receivers) for blast in self.blasts]
         nuisances, lost = nuisances_of(around, firings, band, self.priors)
-        error = ErrorModel(record_blocks(records, state.motion), nuisances, levels)
+        error = ErrorModel(record_blocks(records, state.motion), nuisances, self.levels)
         slopes = band.project(state.slopes)
         residual = band.project(records.motion - state.motion)
-        residual = residual + np.tensordot(state.x - self.mean, slopes, 1)
+        residual = residual + np.tensordot(state.x - self.coordinates.mean, slopes, 1)
         columns = np.concatenate([slopes, band.project(state.motion)[None], lost[None]])
         own = 0.01 * self.priors.amplitude_percent, self.priors.inverse_q
-        return error.posterior(residual, columns, np.array([*self.sigma, *own]))
+        return error.posterior(residual, columns, np.array([*self.coordinates.deviation, *own]))
 
     def _result(self, state, posterior) -> Fit:
         """Return the fit at a state."""
-        _, size = self._step(state, posterior)
+        _, size = step_of(self, state, posterior)
         return Fit(
             self.blasts,
             self.properties,
@@ -563,11 +512,6 @@ def _beside(mesh, at, aside):
         except InputError:  # beyond the edge: no slope to that side
             return tuple(at.tolist())
     return tuple(moved.tolist())
-
-
-def _copied(state):
-    """Return a copy of a state, so that another start may begin there."""
-    return _State(state.x.copy(), state.motion.copy(), state.slopes.copy())
 
 
 def _in_band(records: Records, band) -> Records:

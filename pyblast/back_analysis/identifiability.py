@@ -9,7 +9,7 @@ import numpy as np
 from ..ground.tables import joint_of_surface
 from ..inference.covariance import RecordBlocks, noise_blocks
 from ..inference.error_model import NORMAL_95, Change, ErrorModel, Levels
-from ..inference.likelihood import signed_residuals
+from ..inference.misfits import signed_residuals
 from ..inference.nuisances import SCATTER, design_nuisances, scattering
 from ..inference.parameter import set_all
 from ..inference.records import Band, Noise

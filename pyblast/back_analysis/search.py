@@ -13,7 +13,7 @@ from ..inference.global_search import (
     paper_eq15,
     random_search,
 )
-from ..inference.likelihood import MISFITS, SIGNED
+from ..inference.misfits import MISFITS, SIGNED
 from ..inference.parameter import Parameter, SearchMethod, Trace, set_all
 from ..project.project import Project
 from ..signals.comparison import Comparison, compare

@@ -15,7 +15,7 @@ import numpy as np
 
 from ..core import BATCH_SIZE
 from ..errors import InputError, ReadError, SolverError
-from ..inference.likelihood import SIGNED, misfit_to
+from ..inference.misfits import SIGNED, misfit_to
 from ..inference.parameter import Parameter, Problem, problem_of, set_all
 from ..inference.records import Records
 from ..project.project import Project

@@ -129,7 +129,7 @@ class DrawnPeaks(PeakDistribution):
         --------
         >>> drawn = DrawnPeaks(("house",), np.full((1, 1), 2e-3))
         >>> error = PeaksOfLaw(1.0, 0.3, 0.3)
-        >>> round(float(drawn.under([error]).level(0.95)[0] / error.level(0.95)), 2)
+        >>> round(float(drawn.under([error]).level(0.95)[0] / error.level(0.95)), 3)
         0.002
         """
         shares = (np.arange(LEVELS) + 0.5) / LEVELS

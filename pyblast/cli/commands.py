@@ -1,5 +1,6 @@
 """Commands of the program: arguments, errors as one sentence, exit codes."""
 
+import logging
 import math
 import os
 import sys
@@ -24,6 +25,7 @@ from .console import exit_codes
 if TYPE_CHECKING:
     from ..project.project import Project
 
+log = logging.getLogger(__name__)
 ProjectFile = Annotated[Path, typer.Argument(help="Project file, such as project.toml.")]
 Full = Annotated[
     bool, typer.Option("--full", help="Take the larger run of table [full] of the project file.")
@@ -640,7 +642,15 @@ def standalone() -> None:
     os.execv(str(binary), ["pyblast-run", *sys.argv[1:]])
 
 
+def say_warning(message: Warning | str, category: type[Warning], *_args, **_options) -> None:
+    """Say a warning to the user, but log one of arithmetic: that is said by what comes of it."""
+    if issubclass(category, RuntimeWarning):
+        log.info("%s", message)
+    else:
+        console.complain(f"note: {message}")
+
+
 def main() -> None:
     """Run the command line."""
-    warnings.showwarning = lambda message, *_args, **_options: console.complain(f"note: {message}")
+    warnings.showwarning = say_warning
     app(prog_name="pyblast")

@@ -4,23 +4,23 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import fft, linalg, ndimage
+from scipy import fft, ndimage
 
 from ..errors import InputError
-from ..inference.gauss_newton import LeastSquares, gauss_newton
-from ..inference.likelihood import ENERGY_SHARE, EnergyShares, Likelihood, StudentT
+from ..inference.error_model import Posterior
+from ..inference.fit import Coordinates, FitState, minimise
 from ..inference.parameter import Parameter, set_all
 from ..project.project import Project
 from ..project.uncertain_ground import factors_of
 from ..simulation.simulation import Simulation
 from .case import Case, case_of
-from .thresholds import WRONG_UNIT
+from .error import gained, learned_error, noise_energy, usual_energy
+from .thresholds import ENERGY_SHARE, WRONG_UNIT
 from .trusted_shots import learned
 
 SMOOTHING = 0.1  # of the width of the band, over which the transfer function is averaged
 STEP = 0.5  # of each prior's standard deviation, for derivatives
-ROUNDS = 4
-CONVERGED = 0.2  # of the posterior standard deviations: smaller steps end the calibration
+LONGEST = 1.5  # prior standard deviations that a value may go in one round
 
 
 def attenuated(correction, before, after, dt: float, band) -> np.ndarray:
@@ -83,7 +83,8 @@ class Baseline:
         Motion of the reference (zero values), on the finer mesh if there is one.
     correction : (n_blasts, n_receivers, 3, n_samples) float64, m/s
         Motion of the reference on the finer mesh less that on the mesh of the runs.
-    likelihood : Likelihood
+    usual : (n_blasts, n_receivers) float64, (m/s)2
+        Energy of each record that usual errors leave; see `usual_energy`.
     """
 
     case: Case
@@ -95,7 +96,7 @@ class Baseline:
     slopes: np.ndarray
     reference: np.ndarray
     correction: np.ndarray
-    likelihood: Likelihood
+    usual: np.ndarray
 
     @property
     def sigma(self) -> np.ndarray:
@@ -106,6 +107,18 @@ class Baseline:
     def prior_deviation(self) -> np.ndarray:
         """Deviation of each value from its prior mean, in prior standard deviations, (n,)."""
         return self.values / self.sigma
+
+    def chi_square(self, motion) -> np.ndarray:
+        """Return the energy that a motion leaves of each record over the usual one.
+
+        (n_blasts, n_receivers) float64; zero without a record.
+        """
+        return self.over_usual(self.case.residual(motion))
+
+    def over_usual(self, change) -> np.ndarray:
+        """Return the energy of a change of motion over that which usual errors leave."""
+        energy = np.sum(self.case.band.project(self.case.valid * change) ** 2, axis=(-2, -1))
+        return np.divide(energy, self.usual, out=np.zeros_like(energy), where=self.usual > 0.0)
 
 
 def calibrate(
@@ -138,71 +151,83 @@ def calibrate(
 
     Notes
     -----
-    Damped Gauss-Newton with Broyden updates on the misfit of the likelihood and the priors.
-    Derivatives are differences at the reference, where the mesh correction is computed, too.
+    By `minimise`, under an error that is learned. Derivatives are differences at the reference,
+    where the mesh correction is computed, too.
     """
     parameters = factors_of(case.project) if parameters is None else parameters
-    sigma = np.array([parameter.sigma for parameter in parameters])
-
-    def project(x):
-        return set_all(case.project, parameters, np.exp(sigma * x))
-
-    start, *moved = simulation.motions(
-        [project(x) for x in [0.0 * sigma, *STEP * np.eye(len(sigma))]]
-    )
-    slopes = (np.array(moved).reshape(len(moved), *start.shape) - start) / STEP
-    reference = start if finer is None else finer.motion(case.project)
-    correction = reference - start
-    likelihood = likelihood_of(case, correction)
-    _refuse_another_unit(likelihood, reference)
-    problem = LeastSquares(
-        lambda x: simulation.motion(project(x)) + correction,
-        residual=likelihood.residual,
-        whiten=lambda change: -likelihood.whiten(change),
-        misfit=likelihood.misfit,
-        weights=lambda residual: likelihood.weights(likelihood.chi_square(residual)),
-        precision=1.0,
-    )
-    end = gauss_newton(
-        problem, 0.0 * sigma, reference, converged=_is_small, rounds=ROUNDS, jacobian=slopes,
-        broyden=True,
-    )  # fmt: skip
-    _, hessian = problem.normal_equations(end.x, end.simulated, end.jacobian)
-    each = sigma[:, None, None, None, None]
+    problem = _Calibration(case, simulation, parameters)
+    start = problem.begun()
+    reference = start.motion if finer is None else finer.motion(case.project)
+    problem.correction = correction = reference - start.motion
+    _refuse_another_unit(case, reference, usual_energy(case))
+    start.motion = reference
+    posterior = minimise(problem, start)
+    sigma, each = problem.sigma, problem.sigma[:, None, None, None, None]
     return Baseline(
-        case, parameters, sigma * end.x, sigma[:, None] * linalg.inv(hessian) * sigma,
-        project(end.x), end.simulated, end.jacobian / each, reference, correction, likelihood,
+        case, parameters, sigma * start.x, sigma[:, None] * posterior.covariance * sigma,
+        problem.project(start.x), start.motion, start.slopes / each, reference, correction,
+        usual_energy(case, correction),
     )  # fmt: skip
 
 
-def likelihood_of(case: Case, correction=None) -> Likelihood:
-    """Return the likelihood of the records of a case.
+class _Calibration:
+    """Calibration, a problem of `minimise`: values in standard deviations of their priors."""
 
-    Parameters
-    ----------
-    case : Case
-    correction : (n_blasts, n_receivers, 3, n_samples) float64, m/s, optional
-        Change of the motion by a finer mesh.
+    renews = False
 
-    Notes
-    -----
-    Student's t, with model error as shares of energy. The model error does not follow the shape of
-    a simulation, which may lack physics, and does not correlate receivers, so that residuals can
-    be permuted between them; theory.md (14.1).
-    """
-    changes = () if correction is None else (correction,)
-    error = EnergyShares() if case.share is None else EnergyShares(case.share)
-    return Likelihood(case, error.covariance(case, mesh_changes=changes), StudentT())
+    def __init__(self, case, simulation, parameters):
+        self.case, self.simulation, self.parameters = case, simulation, parameters
+        self.sigma = np.array([parameter.sigma for parameter in parameters])
+        self.correction, n = np.zeros(case.motion.shape), len(parameters)
+        far, every = np.full(n, np.inf), np.ones(n, dtype=bool)
+        self.coordinates = Coordinates(
+            np.zeros(n), np.ones(n), -far, far, np.full(n, LONGEST), every, every, np.zeros(n)
+        )
+
+    def project(self, x):
+        """Return the project at values."""
+        return set_all(self.case.project, self.parameters, np.exp(self.sigma * x))
+
+    def begun(self):
+        """Return the state of the reference, with derivatives by differences."""
+        x = np.zeros(len(self.sigma))
+        points = [x, *(STEP * np.eye(len(x)))]
+        start, *moved = self.simulation.motions([self.project(at) for at in points])
+        return FitState(x, start, (np.array(moved).reshape(len(x), *start.shape) - start) / STEP)
+
+    def derive(self, state):
+        """Keep the derivatives, which each step updates: new ones cost as much as all steps."""
+
+    def simulated(self, x):
+        """Return the motion at values."""
+        return self.simulation.motion(self.project(x)) + self.correction
+
+    def posterior(self, state: FitState) -> Posterior:
+        """Return the posterior of the values; where receivers stand is taken as known."""
+        case, band = self.case, self.case.band
+        slopes = state.slopes / self.sigma[:, None, None, None, None]
+        still = np.zeros((2, *state.motion.shape))
+        self.error = learned_error(
+            case, self.parameters, (state.motion, slopes, still, self.correction)
+        )
+        rows = band.project(state.slopes)
+        residual = band.project(case.residual(state.motion)) + np.tensordot(state.x, rows, 1)
+        return self.error.posterior(residual, rows, np.ones(len(rows)))
+
+    def worsened(self, before: FitState, after: FitState) -> bool:
+        """Tell whether a state is less probable than the one before, priors included."""
+        return gained(self.error, self.case, before, after) < 0.0
+
+    def reached(self, state, posterior):
+        """Keep nothing of a state on the way."""
+
+    def ended(self, reason):
+        """Keep the state where no step explains more."""
 
 
-def _is_small(step, _, now):
-    """Tell whether a step is small beside the posterior standard deviations."""
-    return bool(np.max(np.abs(step) / np.sqrt(np.diag(linalg.inv(now.hessian)))) < CONVERGED)
-
-
-def _refuse_another_unit(likelihood, reference):
+def _refuse_another_unit(case, reference, usual):
     """Refuse records whose unit cannot be m/s, by comparison with the simulated reference."""
-    case, loud = likelihood.records, likelihood.noise_share < 0.5
+    loud = noise_energy(case) < 0.5 * usual
     if case.gain is not None or case.project.config.diagnosis.source_s is not None:
         return  # their level says nothing
     recorded, simulated = (

@@ -6,8 +6,9 @@ from typing import NamedTuple
 import numpy as np
 
 from ..errors import contained
+from ..inference.error_model import ErrorModel, Posterior
 from .effects import Scene
-from .fitting import Fit, hessian_of, unwhitened
+from .fitting import Fit
 from .hypotheses import blast_and_hole
 from .thresholds import (
     CONSTRAINED,
@@ -30,7 +31,7 @@ class Subset:
     delta_ln_likelihood : float
         Gain in predictive ln likelihood by the effect.
     variance_reduction_before, variance_reduction_after : float
-        Share of its whitened energy that is predicted without and with the effect.
+        Share of its energy that is predicted without and with the effect.
     """
 
     name: str
@@ -103,32 +104,31 @@ def cross_validate(scene: Scene, before: Fit, after: Fit) -> CrossValidation:
     Effects of a blast are tested on receivers, those of a receiver on blasts, those of the ground
     on both. Not held out are: the target of an effect; a subset without records, or whose
     motion the effect hardly changes; a subset without which the others do not constrain the
-    effect, by its parameters or by the misfit, such as the one blast in which a joint slips; a
-    subset whose refit fails. Each refit is one linear step from the fit to all records; theory.md
-    (14.5).
+    effect, by its parameters or by the evidence, such as the one blast in which a joint slips; a
+    subset whose refit fails. The predictive likelihood of a subset is the evidence of all records
+    over that of the others, linear around the fit to all records; theory.md (14.5).
     """
     added = [effect for effect in after.effects if effect.label not in before.labels]
     targets = {blast_and_hole(effect.target)[0] for effect in added}
     owners = [effect for effect in after.effects for values in effect.values for _ in values]
     own = [[owner is effect for owner in owners] for effect in added]
-    change = _expected_gain(scene, before, after)
+    whole = [_Linear.of(scene, fit) for fit in (before, after)]
+    change = np.sum(scene.seen(after.motion - before.motion) ** 2, axis=(-2, -1))
+    expected = 0.5 * change / np.maximum(scene.baseline.usual, np.finfo(float).tiny)
     subsets = []
     for name, records in _possible_subsets(scene.case, added):
         out = np.zeros(change.shape, dtype=bool)
-        out[records] = True
-        if name in targets or np.sum(change[records]) < LEAST_LOSS:
+        out[records] = scene.baseline.usual[records] > 0.0
+        if name in targets or np.sum(expected[out]) < LEAST_LOSS:
             continue
         with contained({}, f"{name} held out"):
-            step, hessian = step_without(scene, after, out)
-            first = _prediction(scene, before, step_without(scene, before, out)[0], out)
-            second = _prediction(scene, after, step, out)
-            detected = 0.5 * (first.misfit_of_others - second.misfit_of_others) > DECISIVE
-            variance = np.diag(np.linalg.inv(hessian))[len(after.values) :]
+            first, second = (linear.without(out) for linear in whole)
+            detected = second.of_others - first.of_others > DECISIVE
+            variance = np.diag(second.posterior.covariance)[len(after.values) :]
             if detected or _is_constrained(variance, own):
-                gain = 0.5 * (first.misfit - second.misfit)
-                subsets.append(
-                    Subset(name, gain, first.variance_reduction, second.variance_reduction)
-                )
+                gain = second.log_likelihood - first.log_likelihood
+                reduction = (each.variance_reduction for each in (first, second))
+                subsets.append(Subset(name, float(gain), *reduction))
     return CrossValidation(tuple(subsets))
 
 
@@ -142,61 +142,56 @@ def _possible_subsets(case, added):
     return subsets
 
 
-def _expected_gain(scene, before, after):
-    """Return the ln likelihood (n_blasts, n_receivers) of the change between two fits."""
-    likelihood = scene.baseline.likelihood
-    other = likelihood.whiten(np.where(scene.case.valid, after.motion - before.motion, 0.0))
-    gain = 0.5 * likelihood.weights(before.chi_square) * np.sum(other**2, axis=-1)
-    return np.where(likelihood.n_data > 0, gain, 0.0)
-
-
-def step_without(scene: Scene, fit: Fit, out) -> tuple[np.ndarray, np.ndarray]:
-    """Return the linear step from a fit to the one without some records; theory.md (14.5).
-
-    Parameters
-    ----------
-    scene : Scene
-    fit : Fit
-        Fit to all records.
-    out : (n_blasts, n_receivers) bool
-        Records that are held out.
-
-    Returns
-    -------
-    step : (n,) float64
-        Of the standardised parameters.
-    hessian : (n, n) float64
-        Without these records.
-    """
-    likelihood = scene.baseline.likelihood
-    weights = np.where(out, 0.0, likelihood.weights(fit.chi_square))
-    residual = likelihood.residual(fit.motion)
-    gradient = np.einsum("ibrm,brm,br->i", fit.jacobian, residual, weights, optimize=True) - fit.x
-    hessian = hessian_of(fit.jacobian, weights)
-    return np.linalg.solve(hessian, gradient), hessian
-
-
 def _is_constrained(variance, own):
     """Tell whether a parameter of each effect is constrained, by its posterior variance."""
     return all(np.min(variance[mask], initial=1.0) < CONSTRAINED for mask in own if any(mask))
 
 
 class _Prediction(NamedTuple):
-    """Misfit and variance reduction of held-out records, and misfit of the others."""
+    """Prediction of records that are held out.
 
-    misfit: float
+    ``posterior`` is that of the parameters by the other records, whose log evidence is
+    ``of_others``; ``motion`` is predicted, in the band.
+    """
+
+    posterior: Posterior
+    of_others: float
+    log_likelihood: float
     variance_reduction: float
-    misfit_of_others: float
+    motion: np.ndarray
 
 
-def _prediction(scene, fit, step, out):
-    """Return how well held-out records are predicted by a fit after a step."""
-    likelihood, case = scene.baseline.likelihood, scene.case
-    residual = likelihood.residual(fit.motion) - np.tensordot(step, fit.jacobian, 1)
-    misfits = likelihood.misfit_each(likelihood.chi_square(residual))
-    recorded = likelihood.whiten(np.where(case.valid, case.motion, 0.0))
-    reduction = 1.0 - float(np.sum(residual[out] ** 2) / np.sum(recorded[out] ** 2))
-    return _Prediction(float(np.sum(misfits[out])), reduction, float(np.sum(misfits[~out])))
+class _Linear(NamedTuple):
+    """A fit, linear around its state: slopes and residual at the prior, in the band."""
+
+    scene: Scene
+    fit: Fit
+    error: ErrorModel
+    slopes: np.ndarray
+    residual: np.ndarray
+    log_evidence: float
+
+    @classmethod
+    def of(cls, scene, fit):
+        """Return what is linear around a fit."""
+        slopes = scene.seen(fit.state.slopes)
+        residual = scene.case.band.project(scene.case.residual(fit.motion))
+        error = scene.error_beside(fit.effects, fit.values, fit.motion)
+        residual = residual + np.tensordot(fit.state.x, slopes, 1)
+        evidence = error.posterior(residual, slopes, np.ones(len(slopes))).log_evidence
+        return cls(scene, fit, error, slopes, residual, evidence)
+
+    def without(self, out):
+        """Return the prediction of records that are held out, (n_blasts, n_receivers) bool."""
+        prior = np.ones(len(self.slopes))
+        posterior = self.error.without(out).posterior(self.residual, self.slopes, prior)
+        gained = self.log_evidence - posterior.log_evidence
+        rest = self.residual - np.tensordot(posterior.mean, self.slopes, 1)
+        recorded = self.scene.case.band.project(self.scene.case.residual(0.0))
+        energy = np.sum(recorded[out] ** 2)
+        reduction = 1.0 - float(np.sum(rest[out] ** 2) / energy) if energy > 0.0 else 0.0
+        others, motion = posterior.log_evidence, recorded - rest
+        return _Prediction(posterior, others, gained, reduction, motion)
 
 
 def held_out_prediction(scene: Scene, fit: Fit, out) -> np.ndarray:
@@ -215,8 +210,4 @@ def held_out_prediction(scene: Scene, fit: Fit, out) -> np.ndarray:
     (n_blasts, n_receivers, 3, n_samples) float64, m/s
         Within the band of the records.
     """
-    likelihood = scene.baseline.likelihood
-    band = likelihood.records.band
-    step, _ = step_without(scene, fit, out)
-    change = unwhitened(likelihood, np.tensordot(step, fit.jacobian, 1))
-    return band.restore(band.project(fit.motion) + change)
+    return scene.case.band.restore(_Linear.of(scene, fit).without(np.asarray(out, bool)).motion)

@@ -1,7 +1,7 @@
 """Decision of a diagnosis: outcome and named effects, corrected for the error of the mesh."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import stats
@@ -16,11 +16,13 @@ from .fitting import Fit, corrected, fit
 from .search import Search, material, worst
 from .thresholds import (
     FAR_OFF,
+    LARGE,
     LEAD,
     MESH_CHANGE,
     MOST_EXPLAINED,
     OUTLIER_LEVEL,
     REMAINS,
+    USUAL_LEVEL,
 )
 
 # A label as those of the library, but without parameters.
@@ -47,8 +49,8 @@ class Decision:
     rivals : tuple of str
         Labels that the records cannot distinguish, that of the best model first.
     probability : dict of str to float
-        Posterior probability of each label, of "none", and of "unknown": larger errors of all
-        records, of one blast or of one receiver.
+        Posterior probability of each label, of "none", and of "unknown": larger errors than
+        those of good ground.
     explained_share : float
         Share of the excess energy that the best set of effects explains.
     cross_validation : CrossValidation or None
@@ -58,6 +60,8 @@ class Decision:
     mesh_change : float or None
         Chi-square of the change of the best model by a finer mesh, see `on_finer_mesh`; None
         without a finer mesh.
+    fails : tuple of str
+        Sentences on what the best model does not explain although it should.
     """
 
     outcome: str
@@ -68,6 +72,7 @@ class Decision:
     cross_validation: CrossValidation | None
     best: Fit | None = None
     mesh_change: float | None = None
+    fails: tuple[str, ...] = ()
 
 
 def decide(search: Search, finer: Simulation | None = None) -> Decision:
@@ -88,7 +93,9 @@ def decide(search: Search, finer: Simulation | None = None) -> Decision:
     A name requires evidence above the threshold of the site, on the finer mesh too; beside other
     effects, that a receiver with an effect of its own is an outlier without it; a lead over every
     other label; predicted held-out records; little that remains unexplained; and a budget that
-    sufficed for the other effects. An effect that these records cannot test
+    sufficed for the other effects; and that it explains more of each large blast. A label whose
+    score is above the evidence of the answer, but not that of its own fits, is a rival: the fits
+    may have gone astray. An effect that these records cannot test
     (`Hypothesis.untestable`) is never named: all effects that explain much form its class. Leads
     are measured on the one mesh on which all were fitted.
     """
@@ -104,14 +111,15 @@ def decide(search: Search, finer: Simulation | None = None) -> Decision:
     case = search.scene.case
     untestable = any(effect.hypothesis.untestable(case) for effect in chosen.effects)
     rivals = _rivals(search, chosen, required if untestable else None)
+    rivals = tuple(dict.fromkeys((*rivals, *_contradicted(search, chosen))))
     mesh_change = None
     if finer is not None:
         with contained(search.scene.failures, FINER_MESH):
             chosen, mesh_change = on_finer_mesh(search.scene, finer, chosen, search.progress)
     tested = cross_validate(search.scene, without, chosen)
-    likelihood = search.scene.baseline.likelihood
-    share = likelihood.explained_share(without.chi_square, chosen.chi_square)
-    basis = (probability, share, tested, chosen, mesh_change)
+    share = explained_share(without.chi_square, chosen.chi_square)
+    fails = not_improved(search.scene, without, chosen)
+    basis = (probability, share, tested, chosen, mesh_change, fails)
     if not tested.supports:
         return Decision("UNKNOWN", without, (), *basis)
     more = more_remains(chosen.chi_square, share) or search.scored_beside(chosen)
@@ -119,7 +127,7 @@ def decide(search: Search, finer: Simulation | None = None) -> Decision:
     if search.delta_ln_evidence(chosen) < required or FINER_MESH in search.scene.failures:
         rivals = tuple(dict.fromkeys((*chosen.labels, *rivals, RESOLUTION)))
     tried = search.compared and (search.finished or len(chosen.labels) == 1)
-    if more or alone or not (tried and _each_is_tested(search, chosen, tested)):
+    if more or alone or fails or not (tried and _each_is_tested(search, chosen, tested)):
         return Decision("PARTIAL", chosen, rivals, *basis)
     outcome = "CLASS" if len(rivals) > 1 else "NAMED" if len(chosen.labels) == 1 else "COMPOSITE"
     return Decision(outcome, chosen, rivals, *basis)
@@ -132,6 +140,55 @@ def undecided(search: Search) -> Decision:
     far = np.max(np.abs(without.values / search.scene.baseline.sigma), initial=0.0) > FAR_OFF
     outcome = "UNKNOWN" if scored or far or material(without.chi_square) else "NULL"
     return Decision(outcome, without, (), _probabilities(search), 0.0, None)
+
+
+def not_improved(scene: Scene, before: Fit, after: Fit) -> tuple[str, ...]:
+    """Return a sentence for each large blast of which a fit explains less than another.
+
+    Large are those of at least `LARGE` of the largest charge.
+    """
+    case = scene.case
+    charge = np.array([np.nansum(case.project.blasts[name].charge) for name in case.blasts])
+    remaining = [np.sum(fit.chi_square * scene.baseline.usual, axis=1) for fit in (before, after)]
+    recorded = np.sum(case.band.project(case.residual(0.0)) ** 2, axis=(1, 2, 3))
+    return tuple(
+        f"blast {name}: {100.0 * more / whole:.1f} % of its energy remain, "
+        f"{100.0 * less / whole:.1f} % without the effect"
+        for name, size, less, more, whole in zip(
+            case.blasts, charge, *remaining, recorded, strict=True
+        )
+        if size >= LARGE * charge.max() and more > less
+    )  # fmt: skip
+
+
+def beside_held_out(decision: Decision, held_out: dict | None) -> Decision:
+    """Return a decision that is PARTIAL where a named model explains held-out blasts less.
+
+    Parameters
+    ----------
+    decision : Decision
+    held_out : dict or None
+        ``explained_before`` and ``explained_after`` the effects, by blasts that were held out.
+    """
+    if held_out is None or decision.outcome not in ("NAMED", "CLASS", "COMPOSITE"):
+        return decision
+    before, after = held_out["explained_before"], held_out["explained_after"]
+    if not after < before:
+        return decision
+    failure = (
+        f"held-out {', '.join(held_out['blasts'])}: {100.0 * after:.1f} % of the energy are "
+        f"predicted, {100.0 * before:.1f} % without the effect"
+    )
+    return replace(decision, outcome="PARTIAL", fails=(*decision.fails, failure))
+
+
+def explained_share(before, after) -> float:
+    """Return the share of all excess above the usual errors that is gone with other chi-squares.
+
+    Records below one do not compensate for others.
+    """
+    total, rest = (float(np.sum(np.maximum(each - 1.0, 0.0))) for each in (before, after))
+    return (total - rest) / total if total > 0.0 else 0.0
 
 
 def more_remains(chi_square, share) -> bool:
@@ -169,14 +226,13 @@ def on_finer_mesh(
     SolverError
         If a run fails.
     """
-    project, likelihood = scene.project(fit.values, fit.effects), scene.baseline.likelihood
-    on_site = any(effect.hypothesis.on == "site" for effect in fit.effects)
-    if project is None or not on_site or is_anisotropic(project.materials):
+    project, over_usual = scene.project(fit.values, fit.effects), scene.baseline.over_usual
+    if project is None or not fit.on_site or is_anisotropic(project.materials):
         return fit, None
     (simulated,) = scene.simulate([(fit.values, fit.effects)])
     if simulated is None:
         return fit, None
-    change = likelihood.chi_square(likelihood.whiten(simulated - scene.baseline.reference))
+    change = over_usual(simulated - scene.baseline.reference)
     largest, *others = (int(b) for b in np.argsort(-change.sum(axis=1), kind="stable"))
     shift, size = np.zeros_like(simulated), 0.0
     for done, blasts in enumerate(([largest], others)):
@@ -184,7 +240,7 @@ def on_finer_mesh(
         if blasts:
             names = [scene.case.blasts[b] for b in blasts]
             shift[blasts] = finer.motion(project, names) - simulated[blasts]
-        size = worst(likelihood.chi_square(likelihood.whiten(shift)))
+        size = worst(over_usual(shift))
         if size < MESH_CHANGE:
             return fit, size
     return corrected(scene, fit, shift), size
@@ -221,8 +277,8 @@ def intervals(fit: Fit) -> list[dict]:
 def _ends(fit):
     """Return the lower and upper ends (2, n_parameters) of 90 % intervals of one mode."""
     blasts = np.count_nonzero(fit.chi_square.any(axis=1))
-    half = HALF_WIDTH * np.sqrt(blasts * np.diag(fit.covariance))
-    lower, upper = (x[len(fit.values) :] for x in (fit.x - half, fit.x + half))
+    half = HALF_WIDTH * np.sqrt(blasts * np.diag(fit.posterior.covariance))
+    lower, upper = (x[len(fit.values) :] for x in (fit.state.x - half, fit.state.x + half))
     parameters = [
         parameter for effect in fit.effects
         for parameter, values in zip(effect.hypothesis.parameters, effect.values, strict=True)
@@ -305,23 +361,35 @@ def _rivals(search, chosen, least=None):
     return (*chosen.labels, *dict.fromkeys(others)) if others else chosen.labels[:1]
 
 
+def _contradicted(search, chosen):
+    """Return other labels that score as much as a set, whose fits gained much less."""
+    least = search.delta_ln_evidence(chosen) - LEAD
+    rows = search.contradicted.items()
+    return [label for label, (score, _) in rows if score > least and label not in chosen.labels]
+
+
 def _probabilities(search):
     """Return the posterior probability of each label, of "none" and of "unknown".
 
-    Errors may be larger than assumed beside an effect, too. Model errors repeat in each blast of a
-    site, so that all blasts count as one: theory.md (14.8).
+    The latter is a larger error than that of good ground (`USUAL_LEVEL`), without an effect. Model
+    errors repeat in each blast of a site, so that all blasts count as one: theory.md (14.8).
     """
-    scene, without = search.scene, search.without_effects
-    larger_errors = scene.baseline.likelihood.log_gain_of_larger_errors
-    sets = [(("none",), 0.0), (("unknown",), larger_errors(without.chi_square))]
-    sets += [
-        (fitted.labels, search.delta_ln_evidence(fitted) + larger_errors(fitted.chi_square))
-        for fitted in search.fits
+    without = search.without_effects
+    above = without.posterior.evidences[:, 0] > USUAL_LEVEL
+    sets = [
+        ((label,), _averaged(without.posterior.evidences[chosen, 1]) - without.log_evidence)
+        for label, chosen in (("none", ~above), ("unknown", above))
     ]
-    evidence = np.array([value for _, value in sets]) / len(scene.case.blasts)
+    sets += [(fitted.labels, search.delta_ln_evidence(fitted)) for fitted in search.fits]
+    evidence = np.array([value for _, value in sets]) / len(search.scene.case.blasts)
     probability = np.exp(evidence - logsumexp(evidence))
     by_label = {}
     for (labels, _), value in zip(sets, probability, strict=True):
         for label in labels:
             by_label[label] = by_label.get(label, 0.0) + float(value)
     return {label: round(value, 4) for label, value in by_label.items()}
+
+
+def _averaged(log_evidences):
+    """Return the logarithm of the mean of evidences."""
+    return float(logsumexp(log_evidences) - np.log(len(log_evidences)))

@@ -12,7 +12,9 @@ from scipy import fft
 from ..blasts.blast import Blast
 from ..errors import InputError, contained
 from ..ground.tables import quality_of
+from ..inference.error_model import ErrorModel
 from ..inference.parameter import Parameter, set_all
+from ..project.places import NEAR, resolved_receivers
 from ..project.project import Project
 from ..project.uncertain_ground import factors_of
 from ..simulation.simulation import Simulation
@@ -20,9 +22,10 @@ from ..solver.assembly import time_step
 from . import library  # noqa: F401  fills the library
 from .calibration import Baseline, attenuated
 from .case import Case
+from .error import learned_error
 from .forward import Surroundings, holds, simulation_of, surroundings
 from .hypotheses import FAMILIES, LIBRARY, Hypothesis, blast_and_hole, superposed
-from .thresholds import MOST_WORK
+from .thresholds import IDEALISED, MOST_WORK
 
 FURTHER = "further blast"
 RUNS, HOLES = "runs", "motion of single holes"  # parts of a diagnosis that may fail
@@ -110,6 +113,51 @@ class Scene:
     def surroundings(self) -> Surroundings:
         """Motion around the receivers in the calibrated ground, by one run of each blast."""
         return surroundings(self.simulation, self.case, self.baseline.project)
+
+    @cached_property
+    def error(self) -> ErrorModel:
+        """Learned error of the prediction of the calibrated site, but for what is calibrated."""
+        baseline = self.baseline
+        return learned_error(
+            self.case, baseline.parameters,
+            (baseline.motion, baseline.slopes, self.surroundings.slopes(), baseline.correction),
+            self._late_holes(),
+        )  # fmt: skip
+
+    def _late_holes(self):
+        """Return the columns of firing times by the motion of each hole, by number of the blast."""
+        seconds = 1e-3 * self.case.project.config.priors.firing_ms
+        late = {
+            b: [self.change_by_holes(name, each, np.ones(len(each)))
+                for each in seconds * np.eye(len(self.holes[name]))]
+            for b, name in enumerate(self.case.blasts)
+            if seconds and len(self.holes.get(name, ())) > 1
+        }  # fmt: skip
+        return {b: self.seen(np.array(changes)) for b, changes in late.items()}
+
+    def seen(self, change) -> np.ndarray:
+        """Return changes of motion (..., 3, n_samples) as valid samples show them, in the band."""
+        return self.case.band.project(np.where(self.case.valid, change, 0.0))
+
+    def error_beside(self, effects: Sequence[Effect], values, motion) -> ErrorModel:
+        """Return the error of a prediction with effects, that of their laws included.
+
+        Where they are not those of instruments, the change of motion by them has an error of
+        `IDEALISED` of its energy; theory.md (14.13).
+
+        Parameters
+        ----------
+        effects : sequence of Effect
+        values : (n_calibrated,) float64
+        motion : (n_blasts, n_receivers, 3, n_samples) float64, m/s
+            With both.
+        """
+        if all(effect.hypothesis.family == "instrument" for effect in effects):
+            return self.error
+        calibrated = np.tensordot(values - self.baseline.values, self.baseline.slopes, 1)
+        change = motion - self.baseline.motion - calibrated
+        blocks = self.error.blocks.beside(change, self.case.band, IDEALISED)
+        return replace(self.error, blocks=blocks)
 
     def contained(self, effects: Sequence[Effect]) -> AbstractContextManager[None]:
         """Enter an error of effects into the failures in place of raising it; raise one of none."""
@@ -429,6 +477,25 @@ def predict(
     simulation = simulation_of(further, folder, finer=True)
     scene = PredictionScene(simulation, further, project)
     return with_motion_effects(scene, simulation.motion(project), effects)[0]
+
+
+def at_further(case: Case, blast: Blast) -> Case:
+    """Return a case with the receivers at which a further blast is predicted.
+
+    They are those of the case and those that it leaves out near its own holes, where they stand
+    far enough from those of the further blast. Gains and sources that records show are theirs.
+    """
+    table = case.project.config.diagnosis
+    shown = table is not None and (table.source_s is not None or table.trigger_s is not None)
+    near = [name for name, reason in case.unused.items() if reason == NEAR]
+    if not near or shown or case.gain is not None:
+        return case
+    far = resolved_receivers(
+        with_blast(case.project, FURTHER, blast), (*case.receivers, *near), injected=False
+    )
+    chosen = {*case.receivers, *far}
+    names = tuple(r.name for r in case.project.stations if r.name in chosen)
+    return replace(case, receivers=names)
 
 
 def with_blast(project: Project, name: str, blast: Blast) -> Project:

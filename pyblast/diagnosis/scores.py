@@ -9,27 +9,17 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import logsumexp
 
-from ..inference.covariance import record_blocks
-from ..inference.error_model import Change, ErrorModel, Level, Levels, Scores
-from ..inference.nuisances import (
-    UNCORRECTED,
-    Linearised,
-    moving_columns,
-    nuisances_of,
-)
-from ..inference.parameter import STIFFNESS, kind_of_key
-from ..project.places import firings_of
+from ..inference.error_model import Change, ErrorModel, Level, Scores
+from ..inference.nuisances import UNCORRECTED
 from .case import Case
 from .effects import Effect, Scene, starting_effects
-from .fitting import Fit, unwhitened
+from .error import with_calibrated
+from .fitting import Fit
 from .hypotheses import LIBRARY, Hypothesis, blast_and_hole
-from .thresholds import DRAWN_LEVEL, DRAWS, FARTHEST, IDEALISED, LEAST_SCORE, NUMERICAL
+from .thresholds import DRAWN_LEVEL, DRAWS, FARTHEST, LEAST_SCORE, NUMERICAL
 
 STEP = 0.05  # prior standard deviations, of effects that start without a change
 TOGETHER = 8  # changes that are run together
-LEVELS = Levels(
-    scatter=(5e-3, 2e-2, 8e-2, 0.3, 1.0), transfer=(2e-3, 1e-2, 5e-2, 0.3), nuisance=(1.0, 2.0)
-)
 
 
 class Trial(NamedTuple):
@@ -223,17 +213,8 @@ def _change_without_runs(scene, trial):
     motion, changes = scene.baseline.motion, []
     for effect in trial.effects:
         with scene.contained((effect,)):
-            changes.append(_change(scene, motion, scene.received(motion, (effect,))))
+            changes.append(scene.seen(scene.received(motion, (effect,)) - motion))
     return np.array(changes) if len(changes) == len(trial.effects) else None
-
-
-def _change(scene, before, after):
-    """Return the change between two motions as the records see it, in the band.
-
-    What they leave unknown of the source follows each of both.
-    """
-    case = scene.case
-    return case.band.project(case.residual(before) - case.residual(after))
 
 
 def _changes_by_runs(scene, tried, blasts):
@@ -247,67 +228,24 @@ def _changes_by_runs(scene, tried, blasts):
         if any(motion is None for motion in own):
             changes.append(None)
             continue
-        change = np.array([_change(scene, scene.baseline.reference, motion) for motion in own])
+        change = scene.seen(np.array(own) - scene.baseline.reference)
         change[:, [b for b in range(change.shape[1]) if b not in at]] = 0.0
         changes.append(change)
     return changes
 
 
-def error_of(scene: Scene, members: Sequence[Member] = ()) -> ErrorModel:
-    """Build the error of the prediction around the calibrated motion of a site.
+def of_speeds(scene: Scene, members: Sequence[Member]) -> list[np.ndarray]:
+    """Return the changes by members of wave speeds within the prior of these.
 
-    Parameters
-    ----------
-    scene : Scene
-    members : sequence of Member
-        Those of wave speeds, within the prior of these, are a part of the error: the slopes of the
-        calibration are those of longer steps.
-
-    Notes
-    -----
-    Theory.md (12.5), (12.6), (14.10). What is calibrated is a column, too, with its prior; standard
-    deviations are those of the table [priors].
+    They are a part of the error: the slopes of the calibration are those of longer steps.
     """
-    case, baseline = scene.case, scene.baseline
-    band, priors, motion = case.band, case.project.config.priors, baseline.motion
-    kinds = tuple(kind_of_key(parameter.name) for parameter in baseline.parameters)
-    shared, lost = nuisances_of(
-        Linearised(motion, baseline.slopes, kinds, scene.surroundings.slopes(),
-                   baseline.correction),
-        [firings_of(case.project.of(name), case.receivers) for name in case.blasts], band, priors,
-        _late_holes(scene),
-    )  # fmt: skip
-    held, simulated = band.project(baseline.slopes), band.project(motion)
-    stiff = [n for n, kind in enumerate(kinds) if kind == STIFFNESS]
-    density = -held[stiff].sum(axis=0) - (case.project.config.signature is None) * simulated
-    calibrated = [*(baseline.sigma[:, None, None, None, None] * held)]
+    percent, columns = scene.case.project.config.priors.speed_percent, []
     for member in members:
         if member.label == "rock_speed":
             sigma = [p.sigma for p in member.hypothesis.parameters]
-            within = 0.01 * priors.speed_percent / np.array(sigma)[:, None, None, None, None]
-            calibrated += [*(within * member.change.shapes)]
-    parts = {
-        "calibrated": calibrated,
-        "density": [0.01 * priors.density_percent * density],
-        "amplitude": [0.01 * priors.amplitude_percent * simulated],
-        "attenuation": [priors.inverse_q * lost],
-    }
-    own = moving_columns(parts, simulated.shape)
-    return ErrorModel(record_blocks(case, motion), own + shared, LEVELS)
-
-
-def _late_holes(scene):
-    """Return the columns of firing times by the motion of each hole, by number of the blast."""
-    seconds = 1e-3 * scene.case.project.config.priors.firing_ms
-    motion = scene.baseline.motion
-    return {
-        b: np.array([
-            _change(scene, motion, motion + scene.change_by_holes(name, late, np.ones(len(late))))
-            for late in seconds * np.eye(len(scene.holes[name]))
-        ])
-        for b, name in enumerate(scene.case.blasts)
-        if seconds and len(scene.holes.get(name, ())) > 1
-    }  # fmt: skip
+            within = 0.01 * percent / np.array(sigma)[:, None, None, None, None]
+            columns += [*(within * member.change.shapes)]
+    return columns
 
 
 @dataclass(frozen=True, eq=False)
@@ -317,17 +255,29 @@ class SiteScores:
     Parameters
     ----------
     scene : Scene
-    error : ErrorModel
     members : tuple of Member
     seed : int
         Of the draws.
+    fit : Fit, optional
+        Beside whose effects they are scored; none by default.
     """
 
     scene: Scene
-    error: ErrorModel
     members: tuple[Member, ...]
     seed: int
-    _beside: dict[int, tuple[Fit, "SiteScores"]] = field(default_factory=dict, repr=False)
+    fit: Fit | None = None
+    _beside: dict[int, "SiteScores"] = field(default_factory=dict, repr=False)
+    _of_blasts: dict[tuple, ErrorModel] = field(default_factory=dict, repr=False)
+
+    @cached_property
+    def error(self) -> ErrorModel:
+        """Error of the prediction, what is calibrated included."""
+        fit, baseline = self.fit, self.scene.baseline
+        known = self.scene.error
+        if fit is not None:
+            known = self.scene.error_beside(fit.effects, fit.values, fit.motion)
+        held = self.scene.case.band.project(baseline.slopes)
+        return with_calibrated(known, baseline.sigma[:, None, None, None, None] * held)
 
     def at_fit(self, fit: Fit) -> "SiteScores":
         """Return the scores beside a fit, whose effects on the site follow idealised laws.
@@ -336,20 +286,24 @@ class SiteScores:
         """
         if all(effect.hypothesis.family == "instrument" for effect in fit.effects):
             return self
-        if id(fit) not in self._beside:
-            baseline = self.scene.baseline
-            calibrated = np.tensordot(fit.values - baseline.values, baseline.slopes, 1)
-            change = fit.motion - baseline.motion - calibrated
-            blocks = self.error.blocks.beside(change, self.scene.case.band, IDEALISED)
-            own = replace(self, error=replace(self.error, blocks=blocks), _beside={})
+        known = self._beside.get(id(fit))
+        if known is None or known.fit is not fit:
             self._beside.clear()  # one is large
-            self._beside[id(fit)] = fit, own
-        return self._beside[id(fit)][1]
+            known = self._beside[id(fit)] = replace(self, fit=fit, _beside={}, _of_blasts={})
+        return known
 
     def of(self, changes: Sequence[Change], blasts: Sequence[int], residuals: np.ndarray) -> Scores:
         """Return the scores of changes by the records of some blasts, of residuals of all."""
-        own = [Change(change.shapes[:, list(blasts)], change.one_sided) for change in changes]
-        return self.error.of(blasts).scores(residuals[:, list(blasts)], own)
+        return self._error_of(tuple(blasts)).scores(residuals, changes)
+
+    def _error_of(self, blasts):
+        """Return the error of the records of some blasts; those of a set are kept."""
+        if blasts not in self._of_blasts:
+            others = [b for b in range(len(self.scene.case.blasts)) if b not in blasts]
+            out = np.zeros(self.scene.case.motion.shape[:2], dtype=bool)
+            out[others] = True
+            self._of_blasts[blasts] = self.error.without(out) if others else self.error
+        return self._of_blasts[blasts]
 
     @cached_property
     def numbers(self) -> dict[tuple[int, ...], list[int]]:
@@ -416,17 +370,6 @@ class SiteScores:
         scored = {label: float(value[0]) for label, value in by_class.items()}
         return dict(sorted(scored.items(), key=lambda pair: -pair[1]))
 
-    def evidence_of(self, fit: Fit) -> float:
-        """Return the log evidence of a fit, linear around it in the parameters of its effects.
-
-        Up to a constant of the records; theory.md (14.11).
-        """
-        slopes = unwhitened(self.scene.baseline.likelihood, fit.effect_jacobian)
-        residual = self.residual(fit.motion, fit.values)
-        residual = residual + np.tensordot(fit.x[len(fit.values) :], slopes, 1)
-        error = self.at_fit(fit).error
-        return error.posterior(residual, slopes, np.ones(len(slopes))).log_evidence
-
     def best_on_site(self, fit: Fit, label: str) -> Member | None:
         """Return the member of a label on the site that scores most beside a fit, None if none."""
         pairs = [
@@ -435,6 +378,19 @@ class SiteScores:
             if member.label == label and member.hypothesis.on == "site"
         ]
         return max(pairs, key=lambda pair: pair[0], default=(None, None))[1]
+
+    def starts(self, hypothesis: Hypothesis, fit: Fit) -> dict[str, tuple[Effect, float]]:
+        """Return where to fit a hypothesis at each target, the best of its starts, and its score.
+
+        Beside a fit.
+        """
+        best: dict[str, tuple[Effect, float]] = {}
+        pairs = zip(self._members_beside(fit), self.members, strict=True)
+        own = [(float(score), each) for (score,), each in pairs if each.hypothesis is hypothesis]
+        for score, member in sorted(own, key=lambda pair: -pair[0]):
+            if member.target not in best:
+                best[member.target] = self.start(member, fit), score
+        return best
 
     def start(self, member: Member, fit: Fit) -> Effect:
         """Return the effect of a member at its most probable strengths beside a fit."""

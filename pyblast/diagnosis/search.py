@@ -6,14 +6,16 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ..errors import contained
-from .effects import Scene, starting_effects
-from .fitting import Fit, Fitter, fit, fit_calibrated, fit_partly
+from .effects import Scene
+from .error import with_calibrated
+from .fitting import LONGEST, Fit, fit, fit_calibrated
 from .hypotheses import LIBRARY
-from .scores import SiteScores, error_of, members_of
+from .scores import SiteScores, members_of, of_speeds
 from .thresholds import DECISIVE, LEAD, LEAST_SCORE, MATERIAL, MOST_EFFECTS, NOT_LINEAR, REFIT_GAIN
 
 SCORES = "scores of every effect"  # a part of a diagnosis that may fail
 REFINED = 4  # classes whose further starting values are scored, in each pass
+SMALLER = 0.3  # steps of a fit that contradicts the score it began with
 REFITTED = 2  # classes that are fitted by runs, of those that score, in each pass
 BEAM = 2  # width of the beam search: sets of effects that are extended, if nearly as good
 
@@ -39,6 +41,9 @@ class Search:
         Whether the budget sufficed for the whole search, and for each effect on its own.
     failed : dict of (str, str) to str
         Hypotheses and targets that could not be simulated at any starting value, with the reason.
+    contradicted : dict of str to (float, float)
+        Score of labels, and what their fits gained from any start, where that is less by more than
+        the standard deviation of such a score, √(2 score).
     scores : SiteScores or None
         Of every hypothesis; None where the records can test none, or scores fail.
     """
@@ -52,25 +57,14 @@ class Search:
     finished: bool = True
     compared: bool = True
     failed: dict[tuple[str, str], str] = field(default_factory=dict)
+    contradicted: dict[str, tuple[float, float]] = field(default_factory=dict)
     scores: SiteScores | None = None
-    _evidence: dict[int, tuple[Fit, float]] = field(default_factory=dict, repr=False)
     _beside: dict[int, tuple[Fit, dict]] = field(default_factory=dict, repr=False)
 
     def delta_ln_evidence(self, fit: Fit) -> float:
-        """Return the log Bayes factor of a fit over no effect, less ln(targets); (14.3)."""
+        """Return the log Bayes factor of a fit over no effect, less ln(targets); (14.1)."""
         penalty = sum(np.log(len(e.hypothesis.targets(self.scene.case))) for e in fit.effects)
-        return self.log_evidence(fit) - self.log_evidence(self.without_effects) - penalty
-
-    def log_evidence(self, fit: Fit) -> float:
-        """Return the log evidence of a fit under the learned error, the fixed one without scores.
-
-        Computed once for a fit.
-        """
-        if self.scores is None:
-            return fit.log_evidence
-        if id(fit) not in self._evidence:
-            self._evidence[id(fit)] = fit, self.scores.evidence_of(fit)
-        return self._evidence[id(fit)][1]
+        return fit.log_evidence - self.without_effects.log_evidence - penalty
 
     def classes(self, base: Fit | None = None) -> dict[str, float]:
         """Return the score of each label beside those of a fit, best first; computed once."""
@@ -174,7 +168,9 @@ def _scored(search, seed):
     scene, scores = search.scene, None
     with contained(scene.failures, SCORES):
         members = members_of(scene, search.progress, search.runs_left)
-        own = SiteScores(scene, error_of(scene, members), tuple(members), seed)
+        scene.error = with_calibrated(scene.error, of_speeds(scene, members))
+        search.without_effects = search.chosen = fit_calibrated(scene)
+        own = SiteScores(scene, tuple(members), seed)
         search.progress("draws without an effect", 0, 1)
         scores = own if np.isfinite(own.threshold) else None  # a failure costs the scores alone
     if scores is None:
@@ -225,12 +221,12 @@ def _refit(search, base):
         search.progress(f"fit {label}", done, len(ranked))
         _fit_without_runs(search, base, label)
         if start is not None:
-            _fit_by_runs(search, base, *start)
+            _fit_by_runs(search, base, start, score)
         by_runs += start is not None
 
 
 def _start(search, base, label, score):
-    """Return where to fit a label on the site, effect and blasts, and its score there.
+    """Return an effect of a label on the site from which to fit it, and its score there.
 
     None in place of the former if the label is on no site.
     """
@@ -246,17 +242,30 @@ def _start(search, base, label, score):
     if len(tried) > 1:
         effect, again = search.scores.best_of(tried, base) or (effect, score)
         score = max(score, again)
-    return (effect, member.blasts), score
+    return effect, score
 
 
-def _fit_by_runs(search, base, effect, blasts):
-    """Fit an effect on the site on a fit."""
-    x_ref = base.values if base.effects else np.zeros(len(base.values))
-    rival = next((fit for fit in search.leaders() if not base.effects), None)
-    held = base if base.effects else None
-    fitted = _fitted(search.scene, (*base.effects, effect), x_ref, blasts, held, rival)
-    if fitted is not None:
-        search.add(fitted)
+def _fit_by_runs(search, base, effect, score):
+    """Fit an effect on the site on a fit, and anew where this gains much less than it scores.
+
+    From the prior of what is calibrated, where it was scored, from the calibrated values, and from
+    the prior by smaller steps.
+    """
+    prior, held = np.zeros(len(base.values)), base if base.effects else None
+    starts = [(prior, LONGEST), (base.values, LONGEST), (prior, SMALLER * LONGEST)]
+    if held is not None:  # its derivatives are those at its values
+        starts = [(base.values, LONGEST), (base.values, SMALLER * LONGEST)]
+    least = search.delta_ln_evidence(base) + score - np.sqrt(2.0 * max(score, 0.0))
+    gain = -np.inf
+    for reference, longest in starts:
+        fitted = _fitted(search.scene, (*base.effects, effect), reference, held, longest)
+        if fitted is not None:
+            search.add(fitted)
+            gain = max(gain, search.delta_ln_evidence(fitted))
+        if gain >= least or not search.runs_left():
+            break
+    if gain < least and np.isfinite(gain):
+        search.contradicted[effect.label] = score, gain - search.delta_ln_evidence(base)
 
 
 def material(chi_square) -> bool:
@@ -284,41 +293,25 @@ def _enter_failures(search, places):
 
 def _fit_without_runs(search, base, label):
     """Fit the effects of a label that need no runs, on a fit, at all targets that pay."""
-    scene, before = search.scene, base.effects
+    scene = search.scene
     forms = [h for h in LIBRARY.values() if h.on != "site" and h.label == label]
-    start = Fitter(scene, before, base.values)
-    objective = start.objective(start.start(), start.motions([start.start()])[0])
     for hypothesis in forms:
-        best = {}
-        for target in hypothesis.targets(scene.case):
-            trials = [
-                _fitted_last(scene, (*before, effect), base.values)
-                for effect in starting_effects(hypothesis, target, scene)
-            ]
-            reached, fitted = min(trials, key=lambda trial: trial[0])
-            best[target] = objective - reached, fitted
-        paying = [effect for decrease, effect in best.values() if decrease > 2.0 * DECISIVE]
-        most = max(best.values(), key=lambda pair: pair[0], default=None)
-        if most is None or most[0] <= 0.0 or (before and not paying):
+        best = search.scores.starts(hypothesis, base)
+        paying = [effect for effect, score in best.values() if score > DECISIVE]
+        most = max(best.values(), key=lambda pair: pair[1], default=None)
+        if most is None or most[1] <= 0.0 or (base.effects and not paying):
             continue
         if hypothesis.single:
-            paying = [most[1]] if paying else []
-        added = paying or [most[1]]
-        fitted = _fitted(scene, (*before, *added), base.values, base=base if before else None)
+            paying = [most[0]] if paying else []
+        added = paying or [most[0]]
+        known = base if base.effects else None
+        fitted = _fitted(scene, (*base.effects, *added), base.values, known)
         if fitted is not None:
             search.add(fitted)
 
 
-def _fitted_last(scene, effects, reference):
-    """Return objective and the last effect, alone fitted; infinite where that fails."""
-    with scene.contained(effects):
-        objective, effects = fit_partly(scene, effects, reference, n_last=1)
-        return objective, effects[-1]
-    return np.inf, effects[-1]
-
-
-def _fitted(scene, effects, *values, **options):
+def _fitted(scene, effects, *options):
     """Return the result of `fit`; None where it fails."""
     with scene.contained(effects):
-        return fit(scene, effects, *values, **options)
+        return fit(scene, effects, *options)
     return None

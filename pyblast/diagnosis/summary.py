@@ -81,6 +81,7 @@ def summarise_diagnosis(
             "low_pass_hz": {name: case.project.survey.shot(name).low_pass for name in case.blasts},
             "excluded_share": round(float(np.mean(~case.valid)), 4),
         },
+        "fails": list(decision.fails),
         "next_measurement": _next_measurement(search, decision, remainder),
         "calibration": _calibration(baseline, fit),
         "model": {
@@ -159,6 +160,7 @@ def diagnosis_lines(summary: Mapping) -> list[str]:
         lines.append(f"  held-out records: Δ ln likelihood {tested['delta_ln_likelihood']}{error}")
     elif tested is not None:
         lines.append("  no record could be held out to test it")
+    lines += [f"  it fails: {sentence}" for sentence in summary["fails"]]
     if not summary["finished"]:
         lines.append("  the budget of runs ended before all effects were tried")
     return [*lines, f"  next: {summary['next_measurement']}"]
@@ -193,6 +195,10 @@ def _evidence(search, decision):
         },
         "explained_share": round(decision.explained_share, 3),
         "ranking": _ranking(search),
+        "contradicted": [
+            {"label": label, "score": round(float(score), 1), "gained": round(float(gained), 1)}
+            for label, (score, gained) in search.contradicted.items()
+        ],
         "probability": decision.probability,
     }
 
@@ -207,7 +213,7 @@ def _ranking(search):
     return [
         {"labels": list(fit.labels), "targets": [e.target for e in fit.effects],
          "delta_ln_evidence": round(search.delta_ln_evidence(fit), 1),
-         "misfit": round(fit.misfit, 1)}
+         "largest_chi_square": round(worst(fit.chi_square), 2)}
         for fit in search.ranked()
     ]  # fmt: skip
 

@@ -45,7 +45,7 @@ class Whitener:
             ``r^T C^-1 r``. `Band.restore` returns them as a time series.
         """
         held = self.band.project(residual)
-        return _each(self.roots, held.reshape(*held.shape[:-2], -1)).reshape(held.shape)
+        return applied(self.roots, held.reshape(*held.shape[:-2], -1)).reshape(held.shape)
 
 
 def whitener(
@@ -84,8 +84,8 @@ def whitener(
     return Whitener(band, roots, shares, n_data.astype(int))
 
 
-def _each(blocks, numbers):
-    """Apply the matrix of each blast and receiver to numbers (..., n_blasts, n_receivers, n)."""
+def applied(blocks, numbers):
+    """Return numbers (..., n_blasts, n_receivers, n) by the matrix of each blast and receiver."""
     flat = numbers.reshape(-1, *numbers.shape[-3:])
     return (blocks @ flat.transpose(1, 2, 3, 0)).transpose(3, 0, 1, 2).reshape(numbers.shape)
 
@@ -115,18 +115,23 @@ class RecordBlocks:
     energy: np.ndarray
     noise_energy: np.ndarray
 
-    def whiten(self, rows, scatter: float, coda: float) -> tuple[np.ndarray, float]:
-        """Return rows (k, n_blasts, n_receivers, 3 n_functions) whitened, and the log determinant.
+    def roots(self, scatter: float, coda: float) -> tuple[np.ndarray, np.ndarray]:
+        """Return what whitens each record at levels, and the log determinant of its covariance.
 
         Parameters
         ----------
-        rows : array
         scatter, coda : float
             Levels, in shares of the energy of each channel.
+
+        Returns
+        -------
+        (n_blasts, n_receivers, 3 n_functions, 3 n_functions) float64, s/m
+            Inverse Cholesky factors; see `applied`.
+        (n_blasts, n_receivers) float64
         """
         roots = np.linalg.cholesky(self._total(scatter, coda))
-        logarithm = 2.0 * np.sum(np.log(np.diagonal(roots, axis1=-2, axis2=-1)))
-        return _each(np.linalg.inv(roots), rows), float(logarithm)
+        logarithm = 2.0 * np.sum(np.log(np.diagonal(roots, axis1=-2, axis2=-1)), axis=-1)
+        return np.linalg.inv(roots), logarithm
 
     def of(self, blasts: Sequence[int], receivers: Sequence[int]) -> "RecordBlocks":
         """Return the covariance of the records of some blasts at some receivers."""
@@ -150,9 +155,9 @@ class RecordBlocks:
         return replace(self, noise=noise)
 
     def draws(self, rng: np.random.Generator, n: int, *shares: float) -> np.ndarray:
-        """Draw errors (n, n_blasts, n_receivers, 3 n_functions), m/s, at levels as of `whiten`."""
+        """Draw errors (n, n_blasts, n_receivers, 3 n_functions), m/s, at levels as of `roots`."""
         roots = np.linalg.cholesky(self._total(*shares))
-        return _each(roots, rng.standard_normal((n, *roots.shape[:3])))
+        return applied(roots, rng.standard_normal((n, *roots.shape[:3])))
 
     def _total(self, scatter, coda):
         """Return the covariance of each record, of the shape of the noise."""

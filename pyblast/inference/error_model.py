@@ -1,7 +1,8 @@
 """Error model of predicted records: posterior of properties, scores of changes, draws."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import pairwise, product
 from typing import NamedTuple
 
@@ -9,7 +10,7 @@ import numpy as np
 from scipy import linalg, optimize
 from scipy.special import log_ndtr, logsumexp
 
-from .covariance import RecordBlocks
+from .covariance import RecordBlocks, applied
 from .nuisances import GROUND, TRANSFER, Nuisances
 
 NORMAL_95 = 1.6448536269514722  # quantile
@@ -73,6 +74,8 @@ class Posterior:
     remaining : (n_blasts, n_receivers) float64
         Share of the energy of each record, above its noise, that remains with all properties and
         nuisances where they are most probable.
+    evidences : (n_levels, 2) float64
+        Learned model error, as ``level``, and log evidence at each level.
     """
 
     mean: np.ndarray
@@ -82,6 +85,7 @@ class Posterior:
     log_evidence: float
     nuisances: dict[str, float]
     remaining: np.ndarray
+    evidences: np.ndarray
 
     @property
     def deviation(self) -> np.ndarray:
@@ -249,6 +253,30 @@ class Scores:
         return (np.swapaxes(rows, 0, 1) for rows in (evidence, bayes, beyond))
 
 
+class _Whitened(NamedTuple):
+    """Columns at a level of the errors of each record, which need no elimination.
+
+    ``roots`` (n_blasts, n_receivers, m, m) whiten records; ``log_determinant`` is that of their
+    covariance, each (n_blasts, n_receivers); ``columns`` (n_columns, n_blasts, n_receivers, m) are
+    whitened, and ``products`` (n_columns, n_columns) those of all records.
+    """
+
+    shares: tuple[float, ...]
+    roots: np.ndarray
+    log_determinant: np.ndarray
+    columns: np.ndarray
+    products: np.ndarray
+
+
+class _Factored(NamedTuple):
+    """Columns at a level: their scale, and the Cholesky factor with their priors."""
+
+    at: Level
+    scale: np.ndarray
+    root: np.ndarray
+    log_determinant: float
+
+
 class _Eliminated(NamedTuple):
     """Products of rows at a level whose columns are eliminated.
 
@@ -276,6 +304,10 @@ class ErrorModel:
     nuisances : Nuisances
         Columns of one prior standard deviation each; of group ``transfer`` at a level of one.
     levels : Levels
+    whole : ErrorModel, optional
+        That of all records, of which this one leaves some out; see `without`.
+    out : (n_blasts, n_receivers) bool, optional
+        Those records.
 
     Notes
     -----
@@ -286,15 +318,12 @@ class ErrorModel:
     blocks: RecordBlocks
     nuisances: Nuisances
     levels: Levels
+    whole: "ErrorModel | None" = None
+    out: np.ndarray | None = None
 
-    def of(self, blasts: Sequence[int]) -> "ErrorModel":
-        """Return the error of the records of some blasts at all receivers."""
-        columns = self.nuisances.columns[:, list(blasts)]
-        moving = np.any(columns, axis=(1, 2, 3, 4))
-        groups = [g for g, moves in zip(self.nuisances.groups, moving, strict=True) if moves]
-        own = Nuisances(columns[moving], tuple(groups))
-        every = range(columns.shape[2])
-        return ErrorModel(self.blocks.of(blasts, every), own, self.levels)
+    def without(self, out: np.ndarray) -> "ErrorModel":
+        """Return the error of the records but some, (n_blasts, n_receivers) bool."""
+        return replace(self, whole=self, out=np.asarray(out, dtype=bool))
 
     def posterior(self, residual: np.ndarray, slopes: np.ndarray, prior: np.ndarray) -> Posterior:
         """Return the posterior of properties on which motion depends linearly.
@@ -342,6 +371,7 @@ class ErrorModel:
             float(logsumexp(evidences) - np.log(len(evidences))),
             _root_mean_squares(nuisances[best], groups),
             self.blocks.above_noise(residual - moved - np.tensordot(means[best], own, 1)),
+            np.stack([shares, evidences], axis=-1),
         )  # fmt: skip
 
     def scores(self, residuals: np.ndarray, changes: Sequence[Change] = ()) -> Scores:
@@ -400,31 +430,67 @@ class ErrorModel:
         )
         return moved + self.blocks.draws(rng, n, *at[:2]).reshape(moved.shape)
 
-    def _eliminated(self, rows) -> Iterator[_Eliminated]:
-        """Yield the products of rows (n_rows, ...) at each level."""
-        groups, n = self.nuisances.groups, len(self.nuisances.groups)
-        rows = np.concatenate([self.nuisances.columns, rows])
-        rows = rows.reshape(len(rows), *self.blocks.noise.shape[:3])
+    @cached_property
+    def _whitened(self) -> list[_Whitened]:
+        """The whitened columns at each level of the errors of a record."""
+        if self.whole is not None:
+            return [self._left(each) for each in self.whole._whitened]
+        shape, parts = self.blocks.noise.shape[:3], []
+        columns = self.nuisances.columns.reshape(-1, *shape)
+        for shares in product(*self.levels[:2]):
+            roots, log_determinant = self.blocks.roots(*shares)
+            white = applied(roots, columns)
+            flat = _flat(white)
+            parts.append(_Whitened(shares, roots, log_determinant, white, flat @ flat.T))
+        return parts
+
+    def _left(self, each):
+        """Return whitened columns without the records that are left out."""
+        away = _flat(each.columns[:, self.out])
+        known = np.where(self.out, 0.0, each.log_determinant)
+        return each._replace(log_determinant=known, products=each.products - away @ away.T)
+
+    @cached_property
+    def _factored(self) -> list[list[_Factored]]:
+        """The factored columns at each level, by level of the errors of a record."""
+        groups = self.nuisances.groups
         factors = list(product(
             self.levels.transfer if TRANSFER in groups else (0.0,),
             self.levels.ground if GROUND in groups else (1.0,),
             self.levels.nuisance,
         ))  # fmt: skip
-        for shares in product(*self.levels[:2]):
-            white, log_determinant = self.blocks.whiten(rows, *shares)
-            white = white.reshape(len(rows), -1)
-            gram = white @ white.T
+        parts = []
+        for white in self._whitened:
+            parts.append([])
             for each in factors:
-                at = Level(*shares, *each)
+                at = Level(*white.shares, *each)
                 scale = at.scale(groups)
-                inner = gram[:n, :n] * np.outer(scale, scale) + np.eye(n)
+                inner = white.products * np.outer(scale, scale) + np.eye(len(scale))
                 root = linalg.cholesky(inner, lower=True, check_finite=False)
-                across = linalg.solve_triangular(
-                    root, gram[:n, n:] * scale[:, None], lower=True, check_finite=False
-                )
                 grown = 2.0 * np.sum(np.log(np.diag(root)))
-                products = gram[n:, n:] - across.T @ across
-                yield _Eliminated(at, log_determinant + grown, products, root, across)
+                total = float(np.sum(white.log_determinant)) + grown
+                parts[-1].append(_Factored(at, scale, root, total))
+        return parts
+
+    def _eliminated(self, rows) -> Iterator[_Eliminated]:
+        """Yield the products of rows (n_rows, ...) at each level."""
+        rows = rows.reshape(len(rows), *self.blocks.noise.shape[:3])
+        for white, factored in zip(self._whitened, self._factored, strict=True):
+            own = applied(white.roots, rows)
+            if self.out is not None:
+                own[:, self.out] = 0.0
+            flat = _flat(own)
+            across, inside = _flat(white.columns) @ flat.T, flat @ flat.T
+            for at, scale, root, log_determinant in factored:
+                part = linalg.solve_triangular(
+                    root, across * scale[:, None], lower=True, check_finite=False
+                )
+                yield _Eliminated(at, log_determinant, inside - part.T @ part, root, part)
+
+
+def _flat(rows):
+    """Return rows (n_rows, ...) of numbers as a matrix, also where there is none."""
+    return rows.reshape(len(rows), int(np.prod(rows.shape[1:])))
 
 
 def _log_bayes(information, scores, one_sided=False):

@@ -14,111 +14,49 @@ from ..errors import InputError
 from .global_search import sobol_points
 from .parameter import Evaluations, Problem, Spent, Trace
 
-SHORTER = 0.4  # factor on a step that does not decrease the objective
 LESS, MORE = 0.2, 10.0  # factors on the damping after a good step, and after one that failed
 GOOD = 0.5  # share of the predicted decrease above which the damping falls
 
 
-def _squares(residual):
-    """Return the sum of squares: the misfit of independent residuals of unit variance."""
-    return float(np.sum(residual**2))
-
-
 @dataclass(frozen=True, eq=False)
 class LeastSquares:
-    """Least-squares problem: misfit of residuals, Gaussian prior, bounds.
+    """Least-squares problem: residuals of unit variance, Gaussian prior, bounds.
 
-    The objective is ``misfit(r) + sum precision (x - mean)^2`` with ``r = residual(simulate(x))``.
+    The objective is ``sum r^2 + sum precision (x - mean)^2`` with ``r = residual(x)``.
 
     Parameters
     ----------
-    simulate : callable
+    residual : callable
         ``(n,) -> array``, or None where the simulation fails.
-    jacobian : callable, optional
-        ``(n,), array -> (n, ...)``: derivatives of the residual, or of the simulation if
-        ``whiten`` is given. None if only the first Jacobian is available.
-    residual : callable, optional
-        Residual of a simulation; the simulation itself by default.
-    whiten : callable, optional
-        Linear map from changes of the simulation to changes of the residual.
-    misfit : callable, optional
-        Of a residual; the sum of squares by default.
-    weights : callable, optional
-        ``(..., m) -> (...)`` of a residual: weights of its squares with which these have the
-        gradient of the misfit; one by default.
+    jacobian : callable
+        ``(n,), array -> (n, ...)``: derivatives of the residual.
     mean, precision : (n,) float64, optional
         Of the prior; none by default.
     low, high : (n,) float64, optional
         Bounds.
-    free : (n,) bool, optional
-        Which parameters may change; all by default.
     """
 
-    simulate: Callable
-    jacobian: Callable | None = None
-    residual: Callable = lambda simulated: simulated
-    whiten: Callable | None = None
-    misfit: Callable = _squares
-    weights: Callable = lambda residual: np.ones(residual.shape[:-1])
+    residual: Callable
+    jacobian: Callable
     mean: np.ndarray | float = 0.0
     precision: np.ndarray | float = 0.0
     low: np.ndarray | float = -np.inf
     high: np.ndarray | float = np.inf
-    free: np.ndarray | None = None
 
-    def objective(self, x, simulated) -> float:
-        """Return misfit and prior, infinite where there is no finite simulation."""
-        if simulated is None or not np.all(np.isfinite(simulated)):
+    def objective(self, x, residual) -> float:
+        """Return the sum of squares and prior, infinite where there is no finite residual."""
+        if residual is None or not np.all(np.isfinite(residual)):
             return np.inf
-        prior = np.sum(self.precision * (x - self.mean) ** 2)
-        return float(self.misfit(self.residual(simulated)) + prior)
+        return float(np.sum(residual**2) + np.sum(self.precision * (x - self.mean) ** 2))
 
-    def change(self, before, after):
-        """Return the change between two simulations of what the Jacobian differentiates."""
-        if self.whiten is None:
-            before, after = self.residual(before), self.residual(after)
-        return after - before
-
-    def normal_equations(self, x, simulated, jacobian) -> tuple[np.ndarray, np.ndarray]:
+    def normal_equations(self, x, residual, jacobian) -> tuple[np.ndarray, np.ndarray]:
         """Return half the gradient (n,) and half the Gauss-Newton Hessian (n, n)."""
-        residual = self.residual(simulated)
-        rows = jacobian if self.whiten is None else self.whiten(jacobian)
-        return normal_equations(
-            rows, residual, self.weights(residual), self.precision,
-            self.precision * (x - self.mean),
-        )  # fmt: skip
-
-
-def normal_equations(
-    rows: np.ndarray,
-    residual: np.ndarray,
-    weights: np.ndarray,
-    precision: np.ndarray | float = 1.0,
-    slope: np.ndarray | float = 0.0,
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return half the gradient and half the Gauss-Newton Hessian of weighted least squares.
-
-    Parameters
-    ----------
-    rows : (n, ..., m) float64
-        Jacobian of the residual.
-    residual : (..., m) float64
-    weights : (...) float64
-    precision, slope : (n,) float64 or float
-        Of the prior: its inverse variances, and half of its gradient.
-
-    Returns
-    -------
-    gradient : (n,) float64
-    hessian : (n, n) float64
-    """
-    shape = len(rows), residual.size
-    scaled = (rows * weights[..., None]).reshape(shape)
-    gradient = scaled @ residual.ravel() + slope
-    hessian = scaled @ rows.reshape(shape).T
-    hessian = 0.5 * (hessian + hessian.T)
-    hessian[np.diag_indices(len(rows))] += precision
-    return gradient, hessian
+        rows = jacobian.reshape(len(x), residual.size)
+        gradient = rows @ residual.ravel() + self.precision * (x - self.mean)
+        hessian = rows @ rows.T
+        hessian = 0.5 * (hessian + hessian.T)
+        hessian[np.diag_indices(len(rows))] += self.precision
+        return gradient, hessian
 
 
 @dataclass(eq=False)
@@ -128,7 +66,7 @@ class Minimum:
     Parameters
     ----------
     x : (n,) float64
-    simulated : array
+    residual : array
     objective : float
     jacobian : (n, ...) float64
         The last one; ``fresh`` if it is evaluated at ``x`` and not updated.
@@ -139,7 +77,7 @@ class Minimum:
     """
 
     x: np.ndarray
-    simulated: np.ndarray
+    residual: np.ndarray
     objective: float
     jacobian: Any = None
     hessian: np.ndarray | None = None
@@ -150,16 +88,13 @@ class Minimum:
 def gauss_newton(
     problem: LeastSquares,
     x,
-    simulated,
+    residual,
     *,
     converged: Callable,
     rounds: int | None = None,
     jacobian=None,
     broyden: bool = False,
     damping: float = 0.0,
-    backtracks: int = 0,
-    longest: float | np.ndarray = np.inf,
-    least_gain: float = 0.0,
     accepted: Callable = lambda: None,
 ) -> Minimum:
     """Minimise by damped Gauss-Newton steps (Levenberg-Marquardt).
@@ -169,8 +104,8 @@ def gauss_newton(
     problem : LeastSquares
     x : (n,) float64
         Where to start.
-    simulated : array
-        The simulation there.
+    residual : array
+        There.
     converged : callable
         ``(step, decrease, now)``: whether a step (n,) with this predicted decrease of the
         objective ends the minimisation; ``now`` is a `Minimum`.
@@ -179,17 +114,11 @@ def gauss_newton(
     jacobian : (n, ...) float64, optional
         At the start; evaluated if not given.
     broyden : bool
-        Whether each simulation updates the Jacobian by Broyden's rule. It is evaluated again only
+        Whether each residual updates the Jacobian by Broyden's rule. It is evaluated again only
         when a step with the updated one fails or converges.
     damping : float
         Levenberg's, in shares of the largest diagonal element of the Hessian; adapted by the gain
         of each step. Zero for none.
-    backtracks : int
-        How often a step that does not decrease the objective is shortened; without damping.
-    longest : (n,) float64 or float
-        A step is scaled so that no parameter moves further.
-    least_gain : float
-        A smaller decrease of the objective ends the minimisation.
     accepted : callable
         Called after each accepted step.
 
@@ -202,43 +131,30 @@ def gauss_newton(
     -----
     Levenberg (1944), Broyden (1965); theory.md (12.1), (12.2).
     """
-    now = Minimum(np.asarray(x), simulated, problem.objective(x, simulated), jacobian)
+    now = Minimum(np.asarray(x), residual, problem.objective(x, residual), jacobian)
     now.fresh = jacobian is not None
-    if not len(now.x):
-        if jacobian is None and problem.jacobian is not None:
-            jacobian = problem.jacobian(now.x, simulated)
-        now.jacobian = jacobian
-        now.hessian = np.zeros((0, 0))
-        return now
     for _ in count() if rounds is None else range(rounds):
-        if now.jacobian is None or not (now.fresh or broyden or problem.jacobian is None):
+        if now.jacobian is None or not (now.fresh or broyden):
             _refresh(problem, now)
-        step, now.decrease = _step(problem, now, damping, longest)
+        step, now.decrease = _step(problem, now, damping)
         if converged(step, now.decrease, now):
-            if now.fresh or problem.jacobian is None:
+            if now.fresh:
                 break
             _refresh(problem, now)
             continue
-        before, gain = now.objective, -np.inf
-        for shortening in SHORTER ** np.arange(1 + backtracks):
-            moved = shortening * step
-            trial = problem.simulate(now.x + moved)
-            gain = before - problem.objective(now.x + moved, trial)
-            if broyden and now.jacobian is not None and np.isfinite(gain):
-                missed = problem.change(now.simulated, trial) - np.tensordot(moved, now.jacobian, 1)
-                now.jacobian = now.jacobian + np.multiply.outer(moved / (moved @ moved), missed)
-            if gain > 0.0:
-                break
+        trial = problem.residual(now.x + step)
+        gain = now.objective - problem.objective(now.x + step, trial)
+        if broyden and np.isfinite(gain):
+            missed = trial - now.residual - np.tensordot(step, now.jacobian, 1)
+            now.jacobian = now.jacobian + np.multiply.outer(step / (step @ step), missed)
         if gain > 0.0:
-            now.x, now.simulated = now.x + moved, trial
-            now.objective, now.fresh = before - gain, False
+            now.x, now.residual = now.x + step, trial
+            now.objective, now.fresh = now.objective - gain, False
             damping *= LESS if gain > GOOD * now.decrease else 1.0
             accepted()
-            if gain < least_gain:
-                break
         elif not damping:
             break
-        elif now.fresh or problem.jacobian is None:
+        elif now.fresh:
             damping *= MORE
         else:
             _refresh(problem, now)
@@ -247,21 +163,17 @@ def gauss_newton(
 
 def _refresh(problem, now):
     """Evaluate the Jacobian at the present parameters."""
-    now.jacobian = problem.jacobian(now.x, now.simulated)
+    now.jacobian = problem.jacobian(now.x, now.residual)
     now.fresh = True
 
 
-def _step(problem, now, damping, longest):
+def _step(problem, now, damping):
     """Return the best step within the bounds, and the decrease of the objective it predicts."""
-    gradient, now.hessian = problem.normal_equations(now.x, now.simulated, now.jacobian)
-    free = np.ones(len(now.x), dtype=bool) if problem.free is None else problem.free
-    hessian = now.hessian[np.ix_(free, free)]
-    damped = hessian + damping * np.max(np.diag(hessian), initial=0.0) * np.eye(len(hessian))
-    low, high = ((np.broadcast_to(b, now.x.shape) - now.x)[free] for b in
-                 (problem.low, problem.high))  # fmt: skip
-    step = np.zeros(len(now.x))
-    step[free] = _bounded_minimum(damped, gradient[free], low, high)
-    step *= min(1.0, np.min(longest / np.maximum(np.abs(step), 1e-12)))
+    gradient, now.hessian = problem.normal_equations(now.x, now.residual, now.jacobian)
+    diagonal = np.max(np.diag(now.hessian), initial=0.0)
+    damped = now.hessian + damping * diagonal * np.eye(len(now.x))
+    low, high = (np.broadcast_to(b, now.x.shape) - now.x for b in (problem.low, problem.high))
+    step = _bounded_minimum(damped, gradient, low, high)
     return step, float(-2.0 * gradient @ step - step @ now.hessian @ step)
 
 

@@ -162,6 +162,13 @@ class Parameter:
         low, high = self.coordinate(self.low), self.coordinate(self.high)
         return float(0.5 * (low + high)), float(high - low) / math.sqrt(12.0)
 
+    @property
+    def range(self) -> tuple[float, float]:
+        """Coordinates of the bounds, (2,); infinite where the prior is Gaussian."""
+        if not self.uniform:
+            return -math.inf, math.inf
+        return float(self.coordinate(self.low)), float(self.coordinate(self.high))
+
     def set(self, state, value: float):
         """Return a state, such as a `Project`, with a value of the parameter in its unit."""
         return state.set({self.name: value}) if self.act is None else self.act(state, value)

@@ -164,7 +164,7 @@ def ground_as_built(rows):
 
 
 def _mesh_defects(project, summary):
-    """D1, D2, D5, D12, D26, D30, D38, D45, D48: zones, sides, layers, memory, sources, blocks."""
+    """Yield findings of zones, sides, layers, memory, sources, blocks."""
     yield checks_ground.beyond_memory(summary.memory, quality.available())
     times = () if project.blast is None else project.blast.times
     yield unusual(project.config, project.materials, times)
@@ -217,7 +217,7 @@ def _stiff(project, summary):
 
 
 def _load_defects(project):
-    """D3, D4, D6, D7, D17, D20, D22, D25: firing, load, charge, absorbing layer, air."""
+    """Yield findings of firing, load, charge, absorbing layer, air."""
     blast, band = project.config.blast, project.shot.highest_frequency
     if blast is not None:
         yield firing_comb(project.firing, project.shot.central_frequency, band)
@@ -241,7 +241,7 @@ def _load_defects(project):
 
 
 def _face_defects(project, band):
-    """D4, D6, D7, D17, D27: filter, face, strength, holes inside."""
+    """Yield findings of filter, face, strength, holes inside."""
     config, firing, motion = project.config, project.firing, project.input
     yield comb_return(firing, project.shot.central_frequency, motion.low_passed)
     name, material = source_material(project)
@@ -260,7 +260,7 @@ def _face_defects(project, band):
 
 
 def _joint_defects(project, summary):
-    """D8, D11, D18: faults and joint sets."""
+    """Yield findings of faults and joint sets."""
     centre, band = project.shot.central_frequency, project.shot.highest_frequency
     by_surface = {joint.surface: joint for joint in project.joints}
     pressures = joint_pressures(project.model)
@@ -288,7 +288,7 @@ def _joint_defects(project, summary):
 
 
 def _record_defects(project, summary):
-    """D13, D16: late arrivals and damping."""
+    """Yield findings of late arrivals and damping."""
     if project.blast is not None:
         source = project.blast.centres.mean(axis=0)
         distances = {

@@ -468,7 +468,7 @@ def frequency_of_edge(speed, edge, edges_per_wavelength=10.0):
 
 
 def boundary_defects(project):
-    """D23, D24: viscous sides along a plane wave, viscous faces of jointed rock."""
+    """Yield findings of viscous sides along a plane wave, viscous faces of jointed rock."""
     if project.input is None:
         return
     model, face = project.model, project.config.input.face

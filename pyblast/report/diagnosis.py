@@ -19,13 +19,14 @@ from ..diagnosis.search import material, means
 from ..diagnosis.summary import acts, diagnosis_lines, holes_in_words, not_computed
 from ..diagnosis.thresholds import (
     DECISIVE,
+    ENERGY_SHARE,
     FAR_FROM_PRIOR,
     FAR_OFF,
     MATERIAL,
+    MESH_SHARE,
 )
 from ..errors import contained
 from ..ground.tables import quality_of
-from ..inference.likelihood import ENERGY_SHARE, MESH_SHARE
 from ..project.result import plain, write_text
 from ..units import FACTORS, plain_number
 from .diagnosis_figures import (
@@ -445,14 +446,15 @@ def assumptions(diagnosis: Diagnosed, summary: dict) -> list[str]:
         f"speeds, {priors.stiffness_percent:g} % for stiffness of joints (both fitted again with "
         f"every effect), {priors.receiver_m:g} m for receivers, {priors.clock_ms:g} ms for clocks, "
         f"{priors.firing_ms:g} ms for firing times, {priors.amplitude_percent:g} % for amplitudes.",
-        f"The model error is {100 * ENERGY_SHARE:g} % of the energy of each record, for "
+        "Every effect is scored and fitted under one error, whose level is learned from the "
+        "records; receivers repeat a part of it in all blasts. Noise is estimated from the windows "
+        "before the blasts.",
+        f"Usual errors are noise, {100 * ENERGY_SHARE:g} % of the energy of each record, for "
         "coordinates, clocks and small heterogeneity, and "
-        f"{100 * MESH_SHARE:g} % of the energy that a finer mesh changes; it may be a few times "
-        "larger. Noise is estimated from the windows before the blasts.",
-        "Every effect is scored under an error whose level is learned from the records; receivers "
-        "repeat a part of it in all blasts. Where nothing scores, the outcome is NULL only if the "
-        f"mean square misfit of every receiver and every blast is below {MATERIAL:g} times noise "
-        f"and the model error, and no calibrated value lies beyond {FAR_OFF:g} prior deviations.",
+        f"{100 * MESH_SHARE:g} % of the energy that a finer mesh changes. Where nothing scores, "
+        "the outcome is NULL only if the "
+        f"energy that remains of every receiver and every blast is below {MATERIAL:g} times the "
+        f"usual one, and no calibrated value lies beyond {FAR_OFF:g} prior deviations.",
         f"The ground is made of {case.project.meshed.reason}{finer}.",
         "Attenuation of the reference site: "
         + ("none." if quality is None else f"Qp {quality[0]:g}, Qs {quality[1]:g}."),

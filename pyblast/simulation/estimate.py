@@ -33,7 +33,7 @@ from .recipe import (
     with_edges,
 )
 
-# Processor seconds of a step on one AMD EPYC: docs/quality/performance.md. Of a node of hexahedra
+# Processor seconds of a step on one AMD EPYC: docs/decisions.md. Of a node of hexahedra
 # of an order (higher ones as 4) in ground that is elastic and that relaxes, more in an absorbing
 # layer; of a tetrahedron; more of one that may yield; of a contact.
 NODE = {2: (3e-8, 40e-8), 3: (2.5e-8, 18e-8), 4: (2.5e-8, 18e-8)}

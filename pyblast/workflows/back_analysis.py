@@ -29,7 +29,7 @@ from ..back_analysis.waveforms import (
 )
 from ..config.config import BackAnalysisConfig
 from ..errors import Finding, InputError, PyblastError
-from ..inference.likelihood import MISFITS
+from ..inference.misfits import MISFITS
 from ..inference.parameter import Trace
 from ..model.source import TimeFunction
 from ..project.checks import check

@@ -16,8 +16,8 @@ from obspy import UTCDateTime
 from ..blasts.hole_tables import read_blast
 from ..diagnosis.calibration import calibrate, taught
 from ..diagnosis.case import Case, case_of
-from ..diagnosis.decision import FINER_MESH, Decision, decide, undecided
-from ..diagnosis.effects import HOLES, Scene, effects_of, predict
+from ..diagnosis.decision import FINER_MESH, Decision, beside_held_out, decide, undecided
+from ..diagnosis.effects import HOLES, Scene, at_further, effects_of, predict
 from ..diagnosis.fitting import fit_calibrated
 from ..diagnosis.forward import hole_motion, simulation_of
 from ..diagnosis.mistakes import mistakes_of
@@ -136,11 +136,14 @@ def diagnose(
     decision = undecided(done)
     with contained(failures, "decision"):
         decision = replace(decision, outcome="MISTAKE") if wrong else decide(done, finer)
-    summary = summarise_diagnosis(done, decision, mistakes)
+    held_out = None
     with contained(failures, "held-out blasts"):
-        summary |= {"held_out_blasts": held_out_blasts(everything, scene, decision)}
-    summary |= {"not_computed": not_computed(failures)}
+        held_out = held_out_blasts(everything, scene, decision)
+        decision = beside_held_out(decision, held_out)
+    summary = summarise_diagnosis(done, decision, mistakes)
     summary |= {
+        "held_out_blasts": held_out,
+        "not_computed": not_computed(failures),
         "runs": sum(each.runs for each in counted),
         "wall_s": round(time.perf_counter() - began, 1),
         "kept_runs": sum(each.cached for each in counted),
@@ -342,6 +345,7 @@ def predict_file(file, output, summary, holes, path, baseline=False, runs=None):
     """
     case, model = case_of(read_case(file)), summary["model"]
     blast = _further(case, holes)
+    case = at_further(case, blast)
     values = model["baseline_values"] if baseline else model["values"]
     effects = () if baseline else effects_of(model)
     motion = predict(case, blast, values, effects, runs or Path(output) / RUNS)

@@ -132,7 +132,7 @@ def test_a_step_that_can_not_be_run_ends_the_search_with_what_is_known(tmp_path,
     def broken(*_):
         raise SolverError("unstable after 3 steps")
 
-    monkeypatch.setattr(Fitter, "_advance", broken)
+    monkeypatch.setattr(Fitter, "simulated", broken)
 
     result, folder = back_analyse(noisy(tmp_path))
 
@@ -144,14 +144,14 @@ def test_a_step_that_can_not_be_run_ends_the_search_with_what_is_known(tmp_path,
 def test_a_search_that_does_not_end_starts_again_with_the_lower_third_of_the_band(
     tmp_path, monkeypatch
 ):
-    bands, descend = [], Fitter._descend
+    bands, minimise = [], Fitter._minimised
 
     def noted(fitter, state, records):
         bands.append((records.band.low, records.band.high))
-        return descend(fitter, state, records)
+        return minimise(fitter, state, records)
 
-    monkeypatch.setattr(Fitter, "_descend", noted)
-    monkeypatch.setattr("pyblast.back_analysis.fit.STEPS", 0)
+    monkeypatch.setattr(Fitter, "_minimised", noted)
+    monkeypatch.setattr("pyblast.inference.fit.STEPS", 0)
     path = noisy(tmp_path)
     path.write_text(path.read_text().replace("[3, 20]", "[1, 19]"))
 

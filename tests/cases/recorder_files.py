@@ -199,3 +199,11 @@ def sac(order="<", version=6, n_samples=10, value=1.0, given=10, longitude=-1234
     integers[6], integers[9], integers[15], integers[35] = version, n_samples, 1, 1
     head = struct.pack(f"{order}70f40i", *numbers, *integers) + b"-12345  " * 24
     return head + struct.pack(f"{order}{given}f", *([value] * given))
+
+
+RECORDS = {  # a file of each format, those of SAC and GSE2 by its name: obspy writes them
+    "INSTANTEL_ASCII": instantel_ascii(), "INSTANTEL_CSV": instantel_csv(),
+    "TEXCEL": texcel(), "VIBRACORD": vibracord(), "CSV": generic(),
+    "MSEED": miniseed({"R01": np.random.default_rng(3).normal(size=(300, 3))}),
+    "SAC": "SAC", "GSE2": "GSE2",
+}  # fmt: skip

@@ -7,9 +7,10 @@ import numpy as np
 from benchmarks.blind.flat_models import Discretization
 from pyblast.blasts.blast import Blast
 from pyblast.config.config import check_config
-from pyblast.diagnosis.calibration import Baseline, likelihood_of
+from pyblast.diagnosis.calibration import Baseline
 from pyblast.diagnosis.case import Case, case_of
 from pyblast.diagnosis.effects import Scene
+from pyblast.diagnosis.error import usual_energy
 from pyblast.diagnosis.forward import simulation_of
 from pyblast.model.model import Receiver
 from pyblast.model.source import TimeFunction
@@ -119,7 +120,7 @@ def scene_of(case: Case) -> Scene:
     slopes = np.stack([stretched, 0.7 * stretched, 0.05 * motion, -0.03 * motion])
     baseline = Baseline(
         case, unknowns, np.zeros(4), np.diag([one.sigma**2 for one in unknowns]), case.project,
-        motion, slopes, motion, np.zeros_like(motion), likelihood_of(case),
+        motion, slopes, motion, np.zeros_like(motion), usual_energy(case),
     )  # fmt: skip
     holes = np.stack([motion[0], np.roll(motion[0], 3, axis=-1), 0.5 * motion[0]])
     return Scene(simulation, baseline, {"S1": motion[:1], "B1": holes})

@@ -12,6 +12,7 @@ from command_line import call, spawn
 from small_project import CARRIED, written
 
 import pyblast
+from pyblast.cli.commands import say_warning
 from pyblast.errors import EXIT_CODES
 from pyblast.project.result import read_result, write_csv, write_result
 from pyblast.workflows import result_folder, run
@@ -325,3 +326,12 @@ def test_a_console_without_unicode_gets_the_words_spelt_out():
     )
 
     assert done.stdout == "60 deg sqrt 2 x 3 - ?\n"
+
+
+@pytest.mark.parametrize(("category", "said"), [(RuntimeWarning, ""), (UserWarning, "note: odd")])
+def test_a_warning_of_arithmetic_reaches_no_user(capsys, category, said):
+    say_warning(category("odd"), category)
+
+    told = capsys.readouterr().err.strip()
+    assert told.endswith(said)
+    assert bool(told) == bool(said)

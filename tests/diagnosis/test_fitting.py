@@ -1,16 +1,14 @@
 """Derivatives of a fit beside places where an effect can't be."""
 
 from contextlib import nullcontext
-from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from small_fits import LOUD, fits
 
 import pyblast.diagnosis.library  # noqa: F401  fills the library
 from pyblast.diagnosis.effects import Effect
-from pyblast.diagnosis.fitting import CLEARLY, DIFFERENCE, Fitter, fit
+from pyblast.diagnosis.fitting import DIFFERENCE, Fitter
 
 SLOPE = -0.8  # of the motion by the logarithm of a thickness
 
@@ -18,17 +16,16 @@ SLOPE = -0.8  # of the motion by the logarithm of a thickness
 def fitter(thickest, thinnest=0.0):
     """Return a fitter of a soft layer that has room between two thicknesses in m."""
 
-    def simulate(states, _):
+    def simulate(states):
         rooms = [effects[0].parameters["thickness"] for _, effects in states]
         return [
             np.full((1, 1, 3, 4), SLOPE * np.log(thick)) if thinnest <= thick <= thickest else None
             for thick in rooms
         ]
 
-    likelihood = SimpleNamespace(residual=lambda motion: -motion.reshape(1, 1, -1))
-    baseline = SimpleNamespace(likelihood=likelihood, sigma=np.zeros(0), slopes=np.zeros((0,)))
+    baseline = SimpleNamespace(sigma=np.zeros(0), slopes=np.zeros((0,)))
     scene = SimpleNamespace(
-        case=SimpleNamespace(blasts=("S1",)), baseline=baseline, simulate=simulate,
+        case=None, baseline=baseline, simulate=simulate, error=None,
         received=lambda motion, _: motion, contained=lambda _: nullcontext(),
     )  # fmt: skip
     return Fitter(scene, (Effect("soft_surface_layer", "", ((7.0,), (0.4,))),), np.zeros(0))
@@ -36,9 +33,7 @@ def fitter(thickest, thinnest=0.0):
 
 def column(one):
     """Return the derivative by the thickness at 7 m."""
-    place = one.start()
-    motion = one.motions([place])[0]
-    return one.jacobian(place, motion, np.array([True, False]))[0]
+    return one.begun(one.start()).slopes[0]
 
 
 @pytest.mark.parametrize(("thinnest", "thickest"), [(0.0, 20.0), (0.0, 7.2), (6.9, 20.0)])
@@ -52,17 +47,3 @@ def test_a_derivative_is_told_by_the_step_that_can_be(thinnest, thickest):
 
 def test_what_can_move_neither_way_has_no_derivative():
     assert not column(fitter(7.2, 6.9)).any()
-
-
-def test_a_fit_ends_early_if_a_rival_stays_better():
-    scene, _, _, loud, _ = fits()
-    likelihood, explained = scene.baseline.likelihood, np.minimum(loud.chi_square, 1.0)
-    chi_square = explained.copy()
-    chi_square[1] = loud.chi_square[1]  # no better in the blast that is fitted first
-    better = replace(loud, chi_square=chi_square, misfit=float(likelihood.misfit_of(chi_square)))
-    ahead = replace(loud, misfit=float(likelihood.misfit_of(explained)) - 4.0 * CLEARLY)
-
-    assert loud.misfit - better.misfit > 2.0 * CLEARLY
-    assert fit(scene, (LOUD,), first=[1], rival=loud) is not None
-    assert fit(scene, (LOUD,), first=[1], rival=better) is None
-    assert fit(scene, (LOUD,), first=[1], rival=ahead) is None

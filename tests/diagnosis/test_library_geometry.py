@@ -307,10 +307,10 @@ def test_further_starts_are_tried_where_the_best_target_is():
         tried.extend(effect.values[1][0] for effect in effects)
         return effects[3], 30.0
 
-    member = SimpleNamespace(blasts=(0, 2))
+    member = SimpleNamespace()
     scores = SimpleNamespace(best_of=best_of, best_on_site=lambda *_: member, start=lambda *_: best)
-    (effect, blasts), score = module._start(SimpleNamespace(scores=scores), None, "topography", 9.0)
+    effect, score = module._start(SimpleNamespace(scores=scores), None, "topography", 9.0)
 
     assert effect.values == ((8.0,), (20.0,), (20.0,), (0.0,))
-    assert (blasts, score) == ((0, 2), 30.0)
+    assert score == 30.0
     assert tried == [0.0, -40.0, -20.0, 20.0, 40.0]

@@ -36,8 +36,7 @@ def sent_from(place, blast=1, size=1.0):
 def found(motion):
     """Return what is located of it."""
     baseline = scene().baseline
-    likelihood = baseline.likelihood
-    return locate_residual(baseline, motion, likelihood.chi_square(likelihood.residual(motion)))
+    return locate_residual(baseline, motion, baseline.chi_square(motion))
 
 
 def off(point):

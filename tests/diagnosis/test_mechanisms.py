@@ -7,7 +7,7 @@ from small_fits import with_holes
 from small_site import recorded, scene_of
 
 from pyblast.diagnosis.hypotheses import LIBRARY
-from pyblast.diagnosis.scores import SiteScores, error_of, members_of
+from pyblast.diagnosis.scores import SiteScores, members_of
 
 RIVALS = "joint_viscous_fill", "joint_nonlinear_closure"
 
@@ -18,7 +18,7 @@ def classes(ground, names, truth=None):
     scene = with_holes(scene_of(recorded(site, truth and truth(site))))
     with library_of((*RIVALS, *names)):
         members = tuple(members_of(scene))
-    scores = SiteScores(scene, error_of(scene), members, seed=1)
+    scores = SiteScores(scene, members, seed=1)
     assert {LIBRARY[name].label for name in names} <= {member.label for member in members}
     by_class = scores.by_class(scores.log_bayes(scores.prior[None]))
     return {label: float(value[0]) for label, value in by_class.items()}, scores.threshold

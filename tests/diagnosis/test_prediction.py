@@ -1,14 +1,16 @@
 """What is foretold of a further blast, with effects that were fitted at the believed site."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from small_site import recorded, small_site
+from small_site import holes, recorded, small_site
 
 import pyblast.diagnosis.library  # noqa: F401  fills the library
-from pyblast.diagnosis.effects import Effect, predict
+from pyblast.diagnosis.effects import Effect, at_further, predict
 from pyblast.diagnosis.hypotheses import LIBRARY
+from pyblast.project.places import NEAR
 from pyblast.simulation.simulation import Simulation
 
 AIR = Effect("air_blast", "", ((800.0,), (0.05,), (340.0,), (1.1,), (1.0,)))
@@ -34,3 +36,15 @@ def test_a_site_of_which_nothing_was_calibrated_is_predicted_as_it_is(monkeypatc
     monkeypatch.setattr(Simulation, "motion", lambda _, project: [project.materials["rock"].cp])
 
     assert predict(case, case.project.blasts["B1"], [], ()) == pytest.approx(2800.0)
+
+
+@pytest.mark.parametrize(("east", "north", "there"), [(30.0, 30.0, True), (101.0, 61.0, False)])
+def test_a_receiver_left_out_near_a_hole_is_predicted_where_the_next_blast_is_far(
+    east, north, there
+):
+    case = recorded(small_site())
+    fitted = replace(case, receivers=("R0", "R1", "R3"), unused={"R2": NEAR})
+
+    names = at_further(fitted, holes([[east, north]], [10.0], [0.0])).receivers
+
+    assert names == (("R0", "R1", "R2", "R3") if there else ("R0", "R1", "R3"))

@@ -61,7 +61,7 @@ UNTYPED_PROJECT = {
 ONE_INTERFACE = {"edge_lengths", "locate", "shape_slopes", "shape_values", "volumes"}
 # Other public names that more than one module defines. The list only shrinks.
 TWO_HOMES = {
-    "Band", "Column", "Fit", "Fitter", "Spent", "Window", "table_of",
+    "Band", "Column", "Fit", "Fitter", "Window", "table_of",
 }  # fmt: skip
 ORDER = [
     "kinds",

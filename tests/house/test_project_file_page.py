@@ -110,11 +110,15 @@ def test_both_examples_are_linked():
 
 def test_the_table_of_laws_names_what_each_needs_and_may_have():
     part = PAGE.split("## `[joints.NAME]`", 1)[1].split("\n## ", 1)[0]
-    rows = re.findall(r"^\| (\w+(?:, \w+)*) \| (kn, ks.*?) \| (.*?) ?\|$", part, re.MULTILINE)
-    named = {law: (needs, may) for laws, needs, may in rows for law in laws.split(", ")}
+    rows = [
+        [cell.strip() for cell in row.split("|")] for row in re.findall(r"^\|(.*)\|$", part, re.M)
+    ]
+    rows = [row for row in rows if row[1].startswith("kn, ks")]
+    named = {law: row[1:] for row in rows for law in row[0].split(", ")}
 
     assert set(named) == set(JOINT_LAWS), "the table of laws of [joints.NAME] and rows of Fortran"
-    for law, (needs, _) in named.items():
+    for law, (needs, _, *use) in named.items():
+        assert len(list(filter(None, use))) == 3, f"{law}: use, validity and what measured it"
         properties = JOINT_LAWS[law].properties.items()
         wanted = {name for name, one in properties if one.default is None}
         assert set(needs.split(", ")) == wanted, law

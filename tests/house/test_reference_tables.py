@@ -9,6 +9,7 @@ import pytest
 
 from docs.reference_tables import TABLES, grounds, written
 from pyblast.diagnosis.hypotheses import LIBRARY
+from pyblast.recordings.tables import TEXT_FORMATS
 
 REFERENCE = Path(__file__).parents[2] / "docs" / "reference"
 PAGE = REFERENCE / "hypotheses.md"
@@ -29,6 +30,13 @@ def test_a_table_is_that_of_the_program(name):
 @pytest.mark.long
 def test_the_table_of_grounds_is_that_of_the_small_site_on_each():
     assert grounds() in PAGE.read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("name", TEXT_FORMATS)
+def test_the_guide_names_each_text_format_that_is_recognised(name):
+    guide = (REFERENCE.parent / "guide" / "recordings.md").read_text(encoding="utf-8")
+
+    assert name.split("_")[0] in guide.upper(), "name it in docs/guide/recordings.md"
 
 
 def test_all_say_what_would_settle_them():

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from pyblast.errors import InputError
-from pyblast.inference.likelihood import misfit
+from pyblast.inference.misfits import misfit
 from pyblast.signals.comparison import compare
 from pyblast.signals.seismogram import Seismogram
 

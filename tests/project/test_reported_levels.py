@@ -61,7 +61,7 @@ def test_four_metres_of_soil_do_not_set_what_the_rock_sends():
     (finding,) = (f for f in check(soil).findings if f.code == "D40")
     assert finding.failed
     assert "'soil' decides that" in finding.text
-    assert "times the run time" in finding.text
+    assert "min in place of" in finding.text
 
 
 def test_a_pulse_of_a_cavity_is_not_lifted_to_the_level_by_its_low_pass():

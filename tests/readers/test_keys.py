@@ -275,12 +275,6 @@ def test_a_key_without_its_file_is_refused(name):
 # records
 
 
-RECORDS = {
-    "INSTANTEL_ASCII": files.instantel_ascii(), "INSTANTEL_CSV": files.instantel_csv(),
-    "TEXCEL": files.texcel(), "VIBRACORD": files.vibracord(), "CSV": files.generic(),
-    "MSEED": files.miniseed({"R01": np.random.default_rng(3).normal(size=(300, 3))}),
-    "SAC": "SAC", "GSE2": "GSE2",
-}  # fmt: skip
 KEYS = {
     "unit": ("mm_per_s", "g"), "time_zero": ("2025-01-02T03:04:00",), "sheet": ("A",),
     "orientations": ({"HHZ": (0.0, -1.5), "HHN": (0.1, 0.0), "HHE": (1.6, 0.0)},),
@@ -298,7 +292,7 @@ def outcome(paths, **keys):
     return np.nan_to_num(motion.velocity).tobytes(), motion.start, motion.components
 
 
-@pytest.mark.parametrize(("format", "key"), product(RECORDS, KEYS))
+@pytest.mark.parametrize(("format", "key"), product(files.RECORDS, KEYS))
 def test_keys_beside_records_change_them_or_are_refused(tmp_path, format, key):
     paths = tmp_path / "r.dat"
     if format in ("SAC", "GSE2"):
@@ -306,7 +300,7 @@ def test_keys_beside_records_change_them_or_are_refused(tmp_path, format, key):
         paths = [files.write_trace(tmp_path / code, wave, format, channel=f"HH{code}", station="R")
                  for code in "ENZ"]  # fmt: skip
     else:
-        files.write(tmp_path, RECORDS[format], "r.dat")
+        files.write(tmp_path, files.RECORDS[format], "r.dat")
     beside = {"unit": "um_per_s"} if format == "GSE2" else {}
     plain = outcome(paths, **beside)
 
@@ -319,7 +313,7 @@ def test_keys_beside_records_change_them_or_are_refused(tmp_path, format, key):
 
 
 def test_every_format_of_records_has_a_file_here():
-    assert {*RECORDS, "MAPPED"} == set(FORMATS)
+    assert {*files.RECORDS, "MAPPED"} == set(FORMATS), "RECORDS of tests/cases/recorder_files.py"
 
 
 def test_a_unit_serves_columns_without_one(tmp_path):

@@ -136,8 +136,11 @@ def test_a_suspected_misfire_is_named_by_its_hole_first_and_the_step_is_to_keep_
     holes = Effect("misfire_or_charge_error/holes", "B1", (tuple(parts),))
     (scales,) = holes.hypothesis.parameters
     uncertain = np.diag([0.0] * len(before.values) + [(0.05 / scales.sigma) ** 2] * 3)
-    x = np.append(before.values, scales.standardised(parts))
-    silent = replace(before, effects=(holes,), x=x, covariance=uncertain, alternatives=())
+    state = replace(before.state, x=np.append(before.values, scales.standardised(parts)))
+    posterior = replace(before.posterior, covariance=uncertain)
+    silent = replace(
+        before, effects=(holes,), state=state, posterior=posterior, alternatives=()
+    )  # fmt: skip
     decision = replace(found.decision, fit=silent, best=silent)
     first, second, _ = found.scene.case.project.blasts["B1"].hole_ids
 
@@ -279,13 +282,13 @@ def test_what_is_foretold_without_leaving_out_is_the_fit_itself():
 
 def test_what_is_left_out_is_foretold_as_well_as_its_fold_says():
     here, decision = scene(), made("NAMED")[0].decision
-    likelihood, case = here.baseline.likelihood, here.case
+    case = here.case
     fold = next(one for one in decision.cross_validation.subsets if one.name == "B1")
     out = np.zeros(decision.fit.chi_square.shape, dtype=bool)
     out[case.blasts.index("B1")] = True
 
-    left = likelihood.residual(held_out_prediction(here, decision.fit, out))[out]
-    heard = likelihood.whiten(np.where(case.valid, case.motion, 0.0))[out]
+    held = held_out_prediction(here, decision.fit, out)
+    left, heard = (case.band.project(case.residual(each))[out] for each in (held, 0.0))
 
     assert 1.0 - np.sum(left**2) / np.sum(heard**2) == pytest.approx(
         fold.variance_reduction_after, abs=1e-6

@@ -9,16 +9,19 @@ from grounds import GROUNDS, case_on
 
 import pyblast.diagnosis.library  # noqa: F401  fills the library
 from pyblast.config.ground import FaultConfig
-from pyblast.diagnosis.calibration import Baseline, likelihood_of
+from pyblast.diagnosis.calibration import Baseline
 from pyblast.diagnosis.cross_validation import CrossValidation
 from pyblast.diagnosis.decision import Decision
 from pyblast.diagnosis.effects import Effect, Scene
+from pyblast.diagnosis.error import usual_energy
 from pyblast.diagnosis.fitting import Fit
 from pyblast.diagnosis.forward import simulation_of
 from pyblast.diagnosis.hypotheses import LIBRARY
 from pyblast.diagnosis.library import geometry
 from pyblast.diagnosis.search import Search
 from pyblast.diagnosis.summary import diagnosis_lines, summarise_diagnosis
+from pyblast.inference.error_model import Posterior
+from pyblast.inference.fit import FitState
 from pyblast.project.uncertain_ground import factors_of
 from pyblast.report.diagnosis import (
     claims,
@@ -64,26 +67,27 @@ def scene_on(ground):
     n, motion = len(parameters), case.motion
     baseline = Baseline(
         case, parameters, np.zeros(n), np.eye(n), case.project, motion,
-        np.zeros((n, *motion.shape)), motion, np.zeros_like(motion), likelihood_of(case),
+        np.zeros((n, *motion.shape)), motion, np.zeros_like(motion), usual_energy(case),
     )  # fmt: skip
     return Scene(simulation_of(case), baseline, {})
 
 
 def fitted(scene, *effects):
     """Return a fit of effects at their values."""
-    likelihood, n = scene.baseline.likelihood, len(scene.baseline.values)
+    n, motion = len(scene.baseline.values), scene.case.motion
     x = [
         parameter.standardised(value)
         for effect in effects
         for parameter, values in zip(effect.hypothesis.parameters, effect.values, strict=True)
         for value in values
     ]
-    residual = likelihood.residual(scene.case.motion)
-    shape = n + len(x), *residual.shape
-    return Fit(
-        effects, np.zeros(n), np.eye(shape[0]), np.zeros(shape), np.array([0.0] * n + x),
-        scene.case.motion, np.ones(residual.shape[:2]), 10.0, 20.0 * bool(effects),
+    x = np.array([0.0] * n + x)
+    own, size = FitState(x, motion, np.zeros((len(x), *motion.shape))), np.ones(len(x))
+    posterior = Posterior(
+        x, np.diag(size), size, 0.01, 20.0 * bool(effects), {}, np.zeros(motion.shape[:2]),
+        np.array([[0.01, 0.0], [0.1, -1.0]]),
     )  # fmt: skip
+    return Fit(effects, np.zeros(n), own, posterior, np.ones(motion.shape[:2]))
 
 
 def answer_with(scene, *effects):

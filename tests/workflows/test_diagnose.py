@@ -77,7 +77,7 @@ def test_a_component_the_wrong_way_round_is_said_before_any_ground_is_judged():
     assert one["outcome"] == "MISTAKE"
     assert not one["effects"]
     assert [row["act"] for row in one["mistakes"]] == ["reverse north at R1"]
-    assert one["runs"] == 6  # of two blasts: as it is, mended, and for the page
+    assert one["runs"] == 8  # of two blasts: as it is, mended, around receivers, for the page
 
 
 def test_a_mistake_is_mended_when_asked_and_the_site_judged():

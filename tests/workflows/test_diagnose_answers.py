@@ -173,12 +173,14 @@ def test_lost_runs_of_single_holes_cost_the_effects_that_need_them():
 
 
 def test_an_answer_without_its_finer_mesh_is_at_most_a_class(monkeypatch):
-    scene, none, slow, *_ = fits()
+    scene, none, slow, loud, both = fits()
     monkeypatch.setattr(deciding, "on_finer_mesh", lambda *_: 1 / 0)
     monkeypatch.setattr(scene, "failures", {})
 
-    decision = decide(Search(scene, 400, lambda *_: None, none, [slow], slow), scene.simulation)
+    found = Search(scene, 400, lambda *_: None, none, [both, loud, slow], both)
+
+    decision = decide(found, scene.simulation)
 
     assert decision.outcome in ("CLASS", "PARTIAL")
-    assert decision.rivals == (CLOCK, deciding.RESOLUTION)
+    assert decision.rivals == (*both.labels, deciding.RESOLUTION)
     assert list(scene.failures) == [deciding.FINER_MESH]
