@@ -82,11 +82,11 @@ def measured(folder, text):
         page, before = folder / "page.html", used()
         page.write_text(with_script(text, TIMED), encoding="utf-8")
         out = browser("--window-size=1400,1000", "--dump-dom", f"file://{page}")
-        told = json.loads(html.unescape(re.search(r"<title>(.*?)</title>", out)[1]))
-        found.append((told[0] / 1e3, used() - before))
-        if not told[2].startswith("Drag"):
-            raise SystemExit(f"the page draws no view: {told[2]}")
-    triangles = re.search(r"\((\d+) triangles", told[1])[1]
+        shown = json.loads(html.unescape(re.search(r"<title>(.*?)</title>", out)[1]))
+        found.append((shown[0] / 1e3, used() - before))
+        if not shown[2].startswith("Drag"):
+            raise SystemExit(f"the page draws no view: {shown[2]}")
+    triangles = re.search(r"\((\d+) triangles", shown[1])[1]
     return *(min(row) for row in zip(*found, strict=True)), triangles
 
 

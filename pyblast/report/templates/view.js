@@ -62,7 +62,7 @@
       Object.keys(fields).forEach(function (kind) {
         Object.keys(part[kind]).forEach(function (key) { fields[kind][key] = numbers(part[kind][key]); });
       });
-      return { name: part.name, kind: part.kind, told: part, xyz: xyz, triangles: numbers(part.triangles, part.wide),
+      return { name: part.name, kind: part.kind, data: part, xyz: xyz, triangles: numbers(part.triangles, part.wide),
                ofPoint: fields.of_point, ofTriangle: fields.of_triangle };
     });
     // What a box cuts off: a little beyond it stays, as its sides may be sides of the mesh.
@@ -320,7 +320,7 @@
     scene.located.forEach(located);
     model.parts.forEach(function (part) {
       var best = 0, k, xyz = part.xyz;
-      if (part.kind === "ground" || part.kind === "joint" && part.told.area < 0.02 * size * size) return;
+      if (part.kind === "ground" || part.kind === "joint" && part.data.area < 0.02 * size * size) return;
       for (k = 0; k < xyz.length; k += 3) if (xyz[k + 2] > xyz[best + 2] || xyz[k + 2] > xyz[best + 2] - 1e-3 * size && xyz[k + 1] > xyz[best + 1]) best = k;
       label([xyz[best], xyz[best + 1], xyz[best + 2]], part.name, true, part);
     });
@@ -405,7 +405,7 @@
       controls.update();
     }
     function turnTo(value) {
-      var rad = Math.PI / 180, plane = value.slice(0, 5) === "plane" ? model.parts[Number(value.slice(5))].told : null, wall = scene.wall * rad;
+      var rad = Math.PI / 180, plane = value.slice(0, 5) === "plane" ? model.parts[Number(value.slice(5))].data : null, wall = scene.wall * rad;
       var to = plane ? [(plane.direction + 90) * rad, 0.05] : { above: [0, Math.PI / 2 - 1e-4], south: [0, 0], east: [-Math.PI / 2, 0], corner: [-0.6, 0.5], wall: [wall + Math.PI, 0.25], along: [wall + Math.PI / 2, 0.1] }[value];
       controls.target.copy(middle); camera.zoom = 1; camera.updateProjectionMatrix();
       if (to) lookTo(to[0], to[1]);
@@ -511,8 +511,8 @@
       if (part.kind === "ground") words.push(scene.groups[part.ofTriangle.group[hit.faceIndex]]);
       if (texel !== null) words.push(shown.label + " " + short(valueOf(shown, texel)) + " " + shown.unit);
       if (side) words.push(side);
-      if (part.told.dip !== undefined) words.push("dip " + Math.round(part.told.dip) + "°, dip direction " + Math.round(part.told.direction) + "°");
-      if (part.told.largest_slip !== undefined) words.push("largest slip " + short(part.told.largest_slip) + " mm");
+      if (part.data.dip !== undefined) words.push("dip " + Math.round(part.data.dip) + "°, dip direction " + Math.round(part.data.direction) + "°");
+      if (part.data.largest_slip !== undefined) words.push("largest slip " + short(part.data.largest_slip) + " mm");
       readout.textContent = words.join("; ");
     }
     // Move a face that is seen from inside to the cut before it.
