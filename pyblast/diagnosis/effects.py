@@ -14,6 +14,7 @@ from ..errors import InputError, contained
 from ..ground.tables import quality_of
 from ..inference.error_model import ErrorModel
 from ..inference.parameter import Parameter, set_all
+from ..inference.variation import Charges, Varied
 from ..project.places import NEAR, resolved_receivers
 from ..project.project import Project
 from ..project.uncertain_ground import factors_of
@@ -22,7 +23,7 @@ from ..solver.assembly import time_step
 from . import library  # noqa: F401  fills the library
 from .calibration import Baseline, attenuated
 from .case import Case
-from .error import learned_error
+from .error import learned_error, with_variation
 from .forward import Surroundings, holds, simulation_of, surroundings
 from .hypotheses import FAMILIES, LIBRARY, Hypothesis, blast_and_hole, superposed
 from .thresholds import IDEALISED, MOST_WORK
@@ -85,12 +86,16 @@ class Scene:
     failures : dict
         Sentences of errors: of effects, by their names and targets; of parts of the diagnosis, by
         the name of the part.
+    varied : Varied or None
+        Variation from hole to hole, learned with the `error`; None where no blast has holes of
+        known motion.
     """
 
     simulation: Simulation
     baseline: Baseline
     holes: dict[str, np.ndarray]
     failures: dict[frozenset | str, str] = field(default_factory=dict)
+    varied: Varied | None = None
     _simulated: dict = field(default_factory=dict, repr=False)
     _corrections: dict = field(default_factory=dict, repr=False)
     _impossible: set = field(default_factory=set, repr=False)
@@ -116,13 +121,35 @@ class Scene:
 
     @cached_property
     def error(self) -> ErrorModel:
-        """Learned error of the prediction of the calibrated site, but for what is calibrated."""
-        baseline = self.baseline
-        return learned_error(
+        """Learned error of the prediction of the calibrated site, but for what is calibrated.
+
+        How much holes vary is learned here, before anything is asked for: what it does to each
+        record counts as usual from then on.
+        """
+        baseline, charges = self.baseline, self._charges()
+        error = learned_error(
             self.case, baseline.parameters,
             (baseline.motion, baseline.slopes, self.surroundings.slopes(), baseline.correction),
             self._late_holes(),
         )  # fmt: skip
+        if not charges:
+            return error
+        sigma = baseline.sigma[:, None, None, None, None]
+        error, self.varied, energy = with_variation(
+            error, self.case, charges, baseline.motion, baseline.prior_deviation,
+            sigma * baseline.slopes,
+        )  # fmt: skip
+        usual = np.where(baseline.usual > 0.0, baseline.usual + energy, 0.0)
+        self.baseline = replace(baseline, usual=usual)
+        return error
+
+    def _charges(self):
+        """Return the charges of the blasts of several, by number of the blast."""
+        blasts = self.case.project.blasts
+        return {
+            b: Charges(self.holes[name], blasts[name].times, blasts[name].centres)
+            for b, name in enumerate(self.case.blasts) if len(self.holes.get(name, ())) > 1
+        }  # fmt: skip
 
     def _late_holes(self):
         """Return the columns of firing times by the motion of each hole, by number of the blast."""

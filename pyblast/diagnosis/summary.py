@@ -8,6 +8,7 @@ from scipy import signal
 
 from ..errors import contained
 from ..inference.records import COMPONENTS
+from ..inference.variation import Varied
 from ..project.places import extent_of
 from .calibration import Baseline, like_taught
 from .case import Case, case_of
@@ -58,6 +59,7 @@ def summarise_diagnosis(
         "mistakes": [mistake.row() for mistake in mistakes],
         "effects": _effects(decision, case),
         "suspected_misfires": suspected_misfires(decision, case),
+        "holes_vary": holes_vary(scene.varied),
         "class": list(decision.rivals) if len(decision.rivals) > 1 else [],
         "not_testable": _not_testable(search),
         "detection_limits": limits,
@@ -94,6 +96,14 @@ def summarise_diagnosis(
         },
         "not_computed": not_computed(scene.failures),
     }  # fmt: skip
+
+
+def holes_vary(varied: Varied | None) -> dict | None:
+    """Return the learned variation from hole to hole in per cent, with its sentence."""
+    if varied is None:
+        return None
+    shares = {name: round(100.0 * getattr(varied, name), 1) for name in ("value", "low", "high")}
+    return shares | {"unit": "%", "words": varied.words}
 
 
 def not_computed(failures: Mapping) -> list[dict]:
@@ -143,6 +153,8 @@ def diagnosis_lines(summary: Mapping) -> list[str]:
         targets = effect["target"] if isinstance(effect["target"], list) else [effect["target"]]
         where = f" at {', '.join(targets)}" if any(targets) else ""
         lines.append(f"  {effect['label']}{where}: {effect['claim']}")
+    if summary["holes_vary"]:
+        lines.append(f"  {summary['holes_vary']['words']}")
     if summary["suspected_misfires"]:
         lines.append(f"  suspected misfires: {holes_in_words(summary['suspected_misfires'])}")
     if summary["class"]:

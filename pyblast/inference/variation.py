@@ -1,0 +1,282 @@
+"""Variation from hole to hole: random smooth filters of each charge and of its paths."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy import fft, interpolate, linalg
+
+from .error_model import ErrorModel, Level, Levels
+from .nuisances import HOLES, Nuisances, moving_columns, octave
+from .records import Band
+
+COHERENT = 15.0  # m between charges, over which their paths vary together
+ROUNDS = 3  # of linearisation
+LOST = 1e-3  # of the energy of the columns of a blast that fewer columns leave out
+WIDE = 1.5  # times the level: a log amplitude beyond is none of a filter
+FINE = 9  # levels around the most probable one
+SMALL = (0.0, 0.01, 0.02, 0.04, 0.07, 0.1)  # levels where none is the most probable
+
+
+@dataclass(frozen=True, eq=False)
+class Charges:
+    """Charges of a blast: the motion of each at its planned time, and where it lies.
+
+    Parameters
+    ----------
+    motion : (n_charges, n_receivers, 3, n_samples) float64, m/s
+        Of each, fired at zero.
+    times : (n_charges,) float64, s
+    places : (n_charges, 3) float64, m
+    """
+
+    motion: np.ndarray
+    times: np.ndarray
+    places: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Filters:
+    """Filters of the charges of a blast: log amplitudes of each, and of its path to a receiver.
+
+    Parameters
+    ----------
+    own : (n_charges, 5) float64
+    paths : (n_charges, n_receivers, 5) float64
+    """
+
+    own: np.ndarray
+    paths: np.ndarray
+
+
+def log_filters(band: Band, n: int, size: int) -> np.ndarray:
+    """Return the logarithms of five smooth filters, (5, n_frequencies) complex128.
+
+    Three cosines over log frequency in phase, two out of phase with half the amplitude. The log
+    amplitude of a charge at a receiver, by filters of its own and of its path with unit normal
+    factors, has a root mean square of one over the band.
+    """
+    x = np.pi * octave(n, size, band)
+    first, second = 0.5 * np.cos(x), 0.5 * np.cos(2.0 * x)
+    return np.array([1.0 + 0.0 * x, first, second, 1j * first, 1j * second]) / np.sqrt(2.5)
+
+
+@dataclass(frozen=True, eq=False)
+class Variation:
+    """Variation from hole to hole around filters of all charges, at a level of one.
+
+    Parameters
+    ----------
+    columns : Nuisances
+        Of group ``holes``: what the filters of charges change at all receivers.
+    paths : (n_blasts, n_receivers, 3 n_functions, 3 n_functions) float64, (m/s)2
+        Covariance by the filters of paths.
+    offset : (n_blasts, n_receivers, 3, n_functions) float64, m/s
+        What the filters change beyond their columns.
+    to_own : dict of int to (n_columns of the blast, n_charges 5) float64
+        Filters of charges by their columns.
+    to_paths : dict of int to (n_receivers, n_charges 5, 3 n_functions) float64, m/s
+        Changes by the filters of paths, of independent ones.
+    """
+
+    columns: Nuisances
+    paths: np.ndarray
+    offset: np.ndarray
+    to_own: dict[int, np.ndarray]
+    to_paths: dict[int, np.ndarray]
+
+    @property
+    def energy(self) -> np.ndarray:
+        """Expected energy of the change of each record, (n_blasts, n_receivers) (m/s)2."""
+        own = np.sum(self.columns.columns**2, axis=(0, -2, -1))
+        return own + np.trace(self.paths, axis1=-2, axis2=-1)
+
+
+@dataclass(frozen=True)
+class Varied:
+    """Learned variation from hole to hole: rms of the log amplitude of a charge at a receiver.
+
+    Parameters
+    ----------
+    value, low, high : float
+        Posterior median, and its 90 % interval.
+    """
+
+    value: float
+    low: float
+    high: float
+
+    @property
+    def words(self) -> str:
+        """The answer as a sentence without a full stop."""
+        if self.low < SMALL[1]:
+            return f"holes vary by less than {100.0 * self.high:.0f} %"
+        ends = f"{100.0 * self.low:.0f} to {100.0 * self.high:.0f} %"
+        return f"holes vary by about {100.0 * self.value:.0f} % ({ends})"
+
+
+def variation(
+    charges: Mapping[int, Charges], band: Band, shape, known: Mapping[int, Filters] | None = None
+) -> Variation:
+    """Linearise the variation from hole to hole around filters.
+
+    Parameters
+    ----------
+    charges : mapping of int to Charges
+        By number of the blast.
+    band : Band
+    shape : tuple of int
+        Number of blasts, of receivers, 3, and of functions.
+    known : mapping of int to Filters, optional
+        Filters around which it is linearised, by blast; none by default.
+
+    Notes
+    -----
+    theory.md (12.9).
+    """
+    n_blasts, n_receivers, _, n_functions = shape
+    columns, to_own, to_paths = [], {}, {}
+    paths = np.zeros((n_blasts, n_receivers, 3 * n_functions, 3 * n_functions))
+    offset = np.zeros(shape)
+    for b, own in charges.items():
+        at = None if known is None else known[b]
+        changed, changes = _changes(own, band.of_blast(b), at)  # (r, 3, f), (h, 5, r, 3, f)
+        flat = changes.reshape(-1, n_receivers, 3, n_functions)
+        kept = _kept(flat.reshape(len(flat), -1))
+        for row in np.tensordot(kept, flat, 1):
+            columns.append(np.zeros(shape))
+            columns[-1][b] = row
+        mixed = np.tensordot(_coherence(own.places), changes, ([0], [0]))  # to independent ones
+        each = np.moveaxis(mixed, 2, 0).reshape(n_receivers, len(flat), 3 * n_functions)
+        paths[b] = each.swapaxes(1, 2) @ each
+        to_own[b], to_paths[b] = kept, each
+        if at is not None:
+            sent = at.own[:, None] + at.paths
+            offset[b] = changed - np.einsum("hrk,hkrcf->rcf", sent, changes)
+    own_columns = moving_columns({HOLES: columns}, shape)
+    return Variation(own_columns, paths, offset, to_own, to_paths)
+
+
+def _changes(charges, band, filters):
+    """Return the change of motion by filters, and the derivatives by each of their factors.
+
+    (n_receivers, 3, n_functions) and (n_charges, 5, n_receivers, 3, n_functions), in the band.
+    """
+    n, dt = charges.motion.shape[-1], band.dt
+    latest = int(np.max(charges.times) / dt) + 1
+    size = fft.next_fast_len(n + max(n, latest), real=True)
+    turns = -2j * np.pi * fft.rfftfreq(size, dt)
+    kernels, changed, out = log_filters(band, n, size), 0.0, []
+    for h, motion in enumerate(charges.motion):
+        spectrum = fft.rfft(motion, size) * np.exp(turns * charges.times[h])
+        if filters is not None:
+            factor = np.exp((filters.own[h] + filters.paths[h]) @ kernels)[:, None]
+            changed = changed + spectrum * (factor - 1.0)
+            spectrum = spectrum * factor
+        part = fft.irfft(spectrum * kernels[:, None, None], size)[..., :n]
+        out.append(band.project(part[:, None])[:, 0])
+    if filters is not None:
+        changed = band.project(fft.irfft(changed, size)[..., :n][None])[0]
+    return changed, np.array(out)
+
+
+def _kept(rows):
+    """Return orthonormal combinations (m, n) of rows (n, ...) that keep nearly all their energy."""
+    energy, vectors = linalg.eigh(rows @ rows.T)
+    left_out = np.cumsum(np.maximum(energy, 0.0)) <= LOST * np.sum(energy)
+    return vectors[:, ~left_out].T
+
+
+def _coherence(places):
+    """Return the root (n, n) by which independent filters of paths become those of near ones."""
+    apart = np.linalg.norm(places[:, None] - places, axis=-1)
+    return linalg.cholesky(np.exp(-apart / COHERENT) + 1e-6 * np.eye(len(places)), lower=True)
+
+
+def _with(error: ErrorModel, own: Variation, levels=None) -> ErrorModel:
+    """Return an error with the variation from hole to hole in place of one that it has."""
+    known = error.nuisances
+    others = np.array([group != HOLES for group in known.groups], dtype=bool)
+    rest = Nuisances(known.columns[others], tuple(g for g in known.groups if g != HOLES))
+    return replace(
+        error, blocks=replace(error.blocks, paths=own.paths), nuisances=rest + own.columns,
+        offset=own.offset, levels=error.levels if levels is None else levels,
+    )  # fmt: skip
+
+
+def learned_variation(
+    error: ErrorModel, charges: Mapping[int, Charges], band: Band, residual: np.ndarray,
+    beside: Nuisances, levels: tuple[float, ...],
+) -> tuple[ErrorModel, Varied, np.ndarray]:
+    """Learn how much holes vary, linearised anew around the most probable filters.
+
+    Parameters
+    ----------
+    error : ErrorModel
+        Without variation from hole to hole.
+    charges : mapping of int to Charges
+        By number of the blast.
+    band : Band
+    residual : (n_blasts, n_receivers, 3, n_functions) float64, m/s
+        Records less prediction where everything has its prior mean.
+    beside : Nuisances
+        Columns of what is fitted, of one prior standard deviation each.
+    levels : tuple of float
+        Root mean squares of the log amplitude of a charge at a receiver, zero first.
+
+    Returns
+    -------
+    ErrorModel
+        With a level of variation up to one above the most probable.
+    Varied
+    (n_blasts, n_receivers) float64, (m/s)2
+        Energy of each record that it is expected to change.
+
+    Notes
+    -----
+    theory.md (12.9). Levels beyond are left out: an effect leaves less to explain, not more.
+    """
+    own = variation(charges, band, residual.shape)
+    asked = error.levels._replace(holes=levels)
+    for _ in range(ROUNDS):
+        whole = _with(replace(error, nuisances=error.nuisances + beside), own, asked)
+        at, factors, left = whole.most_probable(residual)
+        if at.holes == 0.0:
+            break
+        known = _filters(own, charges, whole, at, factors, left)
+        own = variation(charges, band, residual.shape, known)
+    whole = _with(replace(error, nuisances=error.nuisances + beside), own, asked)
+    at, *_ = whole.most_probable(residual)
+    varied = _interval(whole, at, residual)
+    kept = tuple(v for v in levels if v <= at.holes) + tuple(v for v in levels if v > at.holes)[:1]
+    learned = _with(error, own, error.levels._replace(holes=kept))
+    return learned, varied, varied.value**2 * own.energy
+
+
+def _filters(own, charges, whole, at, factors, left):
+    """Return the most probable filters by blast, from factors of columns and what is left."""
+    groups, filters = np.array(whole.nuisances.groups), {}
+    mine, first = factors[groups == HOLES], 0
+    for b, each in charges.items():
+        n = len(own.to_own[b])
+        of_charges = (mine[first : first + n] @ own.to_own[b]).reshape(-1, 5)
+        first += n
+        free = at.holes**2 * np.einsum("rkf,rf->rk", own.to_paths[b], left[b])
+        free = free.reshape(len(free), -1, 5)
+        of_paths = np.einsum("hg,rgk->hrk", _coherence(each.places), free)
+        most = WIDE * max(at.holes, 0.2)
+        filters[b] = Filters(np.clip(of_charges, -most, most), np.clip(of_paths, -most, most))
+    return filters
+
+
+def _interval(whole: ErrorModel, at: Level, residual) -> Varied:
+    """Return median and 90 % interval of the level, all others at their most probable values."""
+    fine = at.holes * np.geomspace(0.5, 2.0, FINE) if at.holes else np.array(SMALL)
+    levels = Levels(*((value,) for value in at))._replace(holes=tuple(fine.tolist()))
+    by_level = replace(whole, levels=levels).scores(residual[None]).by_level
+    evidence = np.array([float(each.evidence[0]) for each in by_level])
+    value = np.linspace(fine[0], fine[-1], 2001)
+    smooth = interpolate.PchipInterpolator(fine, evidence)(value)
+    weight = np.cumsum(np.exp(smooth - smooth.max()))
+    low, middle, high = np.interp([0.05, 0.5, 0.95], weight / weight[-1], value)
+    return Varied(float(middle), float(low), float(high))
