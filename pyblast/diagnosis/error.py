@@ -9,7 +9,6 @@ from ..inference.error_model import ErrorModel, Levels
 from ..inference.fit import FitState
 from ..inference.nuisances import Linearised, Nuisances, moving_columns, nuisances_of
 from ..inference.parameter import STIFFNESS, Parameter, kind_of_key
-from ..inference.variation import Charges, Varied, learned_variation
 from ..project.places import firings_of
 from .case import Case
 from .thresholds import ENERGY_SHARE, MESH_SHARE
@@ -52,7 +51,9 @@ def noise_energy(case: Case) -> np.ndarray:
 
 
 def learned_error(
-    case: Case, parameters: Sequence[Parameter], around: tuple[np.ndarray, ...],
+    case: Case,
+    parameters: Sequence[Parameter],
+    around: tuple[np.ndarray, ...],
     late_holes: Mapping[int, np.ndarray] | None = None,
 ) -> ErrorModel:
     """Build the error of a prediction of a case around a motion, but for what is calibrated.
@@ -91,37 +92,6 @@ def learned_error(
     }
     own = moving_columns(parts, simulated.shape)
     return ErrorModel(record_blocks(case, motion), own + shared, LEVELS)
-
-
-def with_variation(
-    error: ErrorModel, case: Case, charges: Mapping[int, Charges], motion: np.ndarray,
-    values: np.ndarray, slopes: np.ndarray,
-) -> tuple[ErrorModel, Varied, np.ndarray]:
-    """Return an error with the variation from hole to hole that the records of a case show.
-
-    Parameters
-    ----------
-    error : ErrorModel
-    case : Case
-    charges : mapping of int to Charges
-        By number of the blast.
-    motion : (n_blasts, n_receivers, 3, n_samples) float64, m/s
-        At calibrated values (n,), in prior standard deviations.
-    values : (n,) float64
-    slopes : (n, n_blasts, n_receivers, 3, n_samples) float64, m/s
-        By these values.
-
-    Returns
-    -------
-    ErrorModel
-    Varied
-    (n_blasts, n_receivers) float64, (m/s)2
-        As of `learned_variation`.
-    """
-    held = case.band.project(slopes)
-    residual = case.band.project(case.residual(motion)) + np.tensordot(values, held, 1)
-    beside = moving_columns({CALIBRATED: list(held)}, residual.shape)
-    return learned_variation(error, charges, case.band, residual, beside, VARIED)
 
 
 def gained(error: ErrorModel, case: Case, before: FitState, after: FitState) -> float:

@@ -52,14 +52,14 @@ def summarise_diagnosis(
         if search.scores is not None and decision.outcome in ("NULL", "NAMED", "COMPOSITE"):
             limits = detection_limits(search.scores, fit.labels)
     with contained(scene.failures, "location of the residual"):
-        located = locate_residual(baseline, without.motion, without.chi_square)
-        remainder = locate_residual(baseline, fit.motion, fit.chi_square)
+        located = locate_residual(baseline, without.motion - scene.unplanned, without.chi_square)
+        remainder = locate_residual(baseline, fit.motion - scene.unplanned, fit.chi_square)
     return {
         "outcome": decision.outcome,
         "mistakes": [mistake.row() for mistake in mistakes],
         "effects": _effects(decision, case),
         "suspected_misfires": suspected_misfires(decision, case),
-        "holes_vary": holes_vary(scene.varied),
+        "holes_vary": holes_vary(scene.varied and scene.varied.level),
         "class": list(decision.rivals) if len(decision.rivals) > 1 else [],
         "not_testable": _not_testable(search),
         "detection_limits": limits,

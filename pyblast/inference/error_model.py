@@ -463,11 +463,11 @@ class ErrorModel:
         factors = best.at.scale(self.nuisances.groups) * linalg.solve_triangular(
             best.root, best.across[:, 0], lower=True, trans=1, check_finite=False
         )
-        left = (row[0] - np.tensordot(factors, self.nuisances.columns, 1)).reshape(
+        rest = (row[0] - np.tensordot(factors, self.nuisances.columns, 1)).reshape(
             self.blocks.noise.shape[:3]
         )
         roots, _ = self.blocks.roots(best.at.scatter, best.at.coda, best.at.holes)
-        return best.at, factors, applied(roots.swapaxes(-1, -2), applied(roots, left))
+        return best.at, factors, applied(roots.swapaxes(-1, -2), applied(roots, rest))
 
     @cached_property
     def _whitened(self) -> list[_Whitened]:

@@ -343,11 +343,11 @@ def shaped(motion, band: Band, modes: Sequence[int], phases=(1.0,)) -> np.ndarra
     """
     n = np.shape(motion)[-1]
     n_padded = fft.next_fast_len(2 * n, real=True)
-    place = octave(n, n_padded, band)
+    octaves = octave(n, n_padded, band)
     spectrum = fft.rfft(motion, n_padded, axis=-1)
     return np.array([
         band.project(
-            fft.irfft(spectrum * np.cos(np.pi * mode * place) * phase, n_padded, axis=-1)[..., :n]
+            fft.irfft(spectrum * np.cos(np.pi * mode * octaves) * phase, n_padded, axis=-1)[..., :n]
         )
         for mode in modes for phase in phases
     ])  # fmt: skip

@@ -1,6 +1,6 @@
 """Variation from hole to hole: random smooth filters of each charge and of its paths."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -72,7 +72,11 @@ class Variation:
     paths : (n_blasts, n_receivers, 3 n_functions, 3 n_functions) float64, (m/s)2
         Covariance by the filters of paths.
     offset : (n_blasts, n_receivers, 3, n_functions) float64, m/s
-        What the filters change beyond their columns.
+        What the columns and paths make of the filters, negative: the mean error of `change`.
+    change : (n_blasts, n_receivers, 3, n_samples) float64, m/s
+        What the filters change.
+    charges : dict of int to (n_charges, n_receivers, 3, n_samples) float64, m/s
+        Motion of each charge with its filters, fired at zero.
     to_own : dict of int to (n_columns of the blast, n_charges 5) float64
         Filters of charges by their columns.
     to_paths : dict of int to (n_receivers, n_charges 5, 3 n_functions) float64, m/s
@@ -82,6 +86,8 @@ class Variation:
     columns: Nuisances
     paths: np.ndarray
     offset: np.ndarray
+    change: np.ndarray
+    charges: dict[int, np.ndarray]
     to_own: dict[int, np.ndarray]
     to_paths: dict[int, np.ndarray]
 
@@ -137,50 +143,52 @@ def variation(
     n_blasts, n_receivers, _, n_functions = shape
     columns, to_own, to_paths = [], {}, {}
     paths = np.zeros((n_blasts, n_receivers, 3 * n_functions, 3 * n_functions))
-    offset = np.zeros(shape)
+    offset, varied = np.zeros(shape), {}
+    change = np.zeros((*shape[:3], len(band.basis)))
     for b, own in charges.items():
         at = None if known is None else known[b]
-        changed, changes = _changes(own, band.of_blast(b), at)  # (r, 3, f), (h, 5, r, 3, f)
+        varied[b], change[b], changes = _changes(own, band.of_blast(b), at)
         flat = changes.reshape(-1, n_receivers, 3, n_functions)
-        kept = _kept(flat.reshape(len(flat), -1))
-        for row in np.tensordot(kept, flat, 1):
+        combined = _combinations(flat.reshape(len(flat), -1))
+        for row in np.tensordot(combined, flat, 1):
             columns.append(np.zeros(shape))
             columns[-1][b] = row
         mixed = np.tensordot(_coherence(own.places), changes, ([0], [0]))  # to independent ones
         each = np.moveaxis(mixed, 2, 0).reshape(n_receivers, len(flat), 3 * n_functions)
         paths[b] = each.swapaxes(1, 2) @ each
-        to_own[b], to_paths[b] = kept, each
+        to_own[b], to_paths[b] = combined, each
         if at is not None:
-            sent = at.own[:, None] + at.paths
-            offset[b] = changed - np.einsum("hrk,hkrcf->rcf", sent, changes)
+            offset[b] = -np.einsum("hrk,hkrcf->rcf", at.own[:, None] + at.paths, changes)
     own_columns = moving_columns({HOLES: columns}, shape)
-    return Variation(own_columns, paths, offset, to_own, to_paths)
+    return Variation(own_columns, paths, offset, change, varied, to_own, to_paths)
 
 
 def _changes(charges, band, filters):
-    """Return the change of motion by filters, and the derivatives by each of their factors.
+    """Return the motion of charges with filters, the change of all, and derivatives by factors.
 
-    (n_receivers, 3, n_functions) and (n_charges, 5, n_receivers, 3, n_functions), in the band.
+    (n_charges, n_receivers, 3, n_samples), (n_receivers, 3, n_samples) and, in the band,
+    (n_charges, 5, n_receivers, 3, n_functions).
     """
     n, dt = charges.motion.shape[-1], band.dt
     latest = int(np.max(charges.times) / dt) + 1
     size = fft.next_fast_len(n + max(n, latest), real=True)
     turns = -2j * np.pi * fft.rfftfreq(size, dt)
-    kernels, changed, out = log_filters(band, n, size), 0.0, []
+    kernels, varied, changed, out = log_filters(band, n, size), [], 0.0, []
     for h, motion in enumerate(charges.motion):
-        spectrum = fft.rfft(motion, size) * np.exp(turns * charges.times[h])
+        spectrum, late = fft.rfft(motion, size), np.exp(turns * charges.times[h])
         if filters is not None:
             factor = np.exp((filters.own[h] + filters.paths[h]) @ kernels)[:, None]
-            changed = changed + spectrum * (factor - 1.0)
+            changed = changed + spectrum * (factor - 1.0) * late
             spectrum = spectrum * factor
-        part = fft.irfft(spectrum * kernels[:, None, None], size)[..., :n]
+            motion = fft.irfft(spectrum, size)[..., :n]
+        varied.append(motion)
+        part = fft.irfft(spectrum * late * kernels[:, None, None], size)[..., :n]
         out.append(band.project(part[:, None])[:, 0])
-    if filters is not None:
-        changed = band.project(fft.irfft(changed, size)[..., :n][None])[0]
-    return changed, np.array(out)
+    total = 0.0 if filters is None else fft.irfft(changed, size)[..., :n]
+    return np.array(varied), total, np.array(out)
 
 
-def _kept(rows):
+def _combinations(rows):
     """Return orthonormal combinations (m, n) of rows (n, ...) that keep nearly all their energy."""
     energy, vectors = linalg.eigh(rows @ rows.T)
     left_out = np.cumsum(np.maximum(energy, 0.0)) <= LOST * np.sum(energy)
@@ -193,75 +201,73 @@ def _coherence(places):
     return linalg.cholesky(np.exp(-apart / COHERENT) + 1e-6 * np.eye(len(places)), lower=True)
 
 
-def _with(error: ErrorModel, own: Variation, levels=None) -> ErrorModel:
-    """Return an error with the variation from hole to hole in place of one that it has."""
-    known = error.nuisances
-    others = np.array([group != HOLES for group in known.groups], dtype=bool)
-    rest = Nuisances(known.columns[others], tuple(g for g in known.groups if g != HOLES))
+def with_variation(error: ErrorModel, own: Variation, levels: tuple[float, ...]) -> ErrorModel:
+    """Return an error with variation from hole to hole, at some levels."""
     return replace(
-        error, blocks=replace(error.blocks, paths=own.paths), nuisances=rest + own.columns,
-        offset=own.offset, levels=error.levels if levels is None else levels,
+        error, blocks=replace(error.blocks, paths=own.paths), offset=own.offset,
+        nuisances=error.nuisances + own.columns, levels=error.levels._replace(holes=levels),
     )  # fmt: skip
 
 
 def learned_variation(
-    error: ErrorModel, charges: Mapping[int, Charges], band: Band, residual: np.ndarray,
-    beside: Nuisances, levels: tuple[float, ...],
-) -> tuple[ErrorModel, Varied, np.ndarray]:
+    build: Callable[[Variation], ErrorModel],
+    charges: Mapping[int, Charges],
+    band: Band,
+    residual: np.ndarray,
+    levels: tuple[float, ...],
+) -> tuple[Variation, Varied, tuple[float, ...]]:
     """Learn how much holes vary, linearised anew around the most probable filters.
 
     Parameters
     ----------
-    error : ErrorModel
-        Without variation from hole to hole.
+    build : callable
+        ``(variation) -> error`` of all that is known, what is fitted included, around the motion
+        with what the filters send, without variation.
     charges : mapping of int to Charges
         By number of the blast.
     band : Band
     residual : (n_blasts, n_receivers, 3, n_functions) float64, m/s
         Records less prediction where everything has its prior mean.
-    beside : Nuisances
-        Columns of what is fitted, of one prior standard deviation each.
     levels : tuple of float
         Root mean squares of the log amplitude of a charge at a receiver, zero first.
 
     Returns
     -------
-    ErrorModel
-        With a level of variation up to one above the most probable.
+    Variation
+        Around the most probable filters.
     Varied
-    (n_blasts, n_receivers) float64, (m/s)2
-        Energy of each record that it is expected to change.
+    tuple of float
+        The levels up to one above the most probable: an effect leaves less to explain, not more.
 
     Notes
     -----
-    theory.md (12.9). Levels beyond are left out: an effect leaves less to explain, not more.
+    theory.md (12.9).
     """
     own = variation(charges, band, residual.shape)
-    asked = error.levels._replace(holes=levels)
     for _ in range(ROUNDS):
-        whole = _with(replace(error, nuisances=error.nuisances + beside), own, asked)
-        at, factors, left = whole.most_probable(residual)
+        whole = with_variation(build(own), own, levels)
+        at, factors, weighted = whole.most_probable(residual - band.project(own.change))
         if at.holes == 0.0:
             break
-        known = _filters(own, charges, whole, at, factors, left)
-        own = variation(charges, band, residual.shape, known)
-    whole = _with(replace(error, nuisances=error.nuisances + beside), own, asked)
-    at, *_ = whole.most_probable(residual)
-    varied = _interval(whole, at, residual)
-    kept = tuple(v for v in levels if v <= at.holes) + tuple(v for v in levels if v > at.holes)[:1]
-    learned = _with(error, own, error.levels._replace(holes=kept))
-    return learned, varied, varied.value**2 * own.energy
+        own = variation(
+            charges, band, residual.shape, _filters(own, charges, whole, at, factors, weighted)
+        )
+    whole, rest = with_variation(build(own), own, levels), residual - band.project(own.change)
+    at, *_ = whole.most_probable(rest)
+    above = [level for level in levels if level > at.holes][:1]
+    remaining = (*(level for level in levels if level <= at.holes), *above)
+    return own, _interval(whole, at, rest), remaining
 
 
-def _filters(own, charges, whole, at, factors, left):
-    """Return the most probable filters by blast, from factors of columns and what is left."""
+def _filters(own, charges, whole, at, factors, weighted):
+    """Return the most probable filters by blast, from factors of columns and what remains."""
     groups, filters = np.array(whole.nuisances.groups), {}
     mine, first = factors[groups == HOLES], 0
     for b, each in charges.items():
         n = len(own.to_own[b])
         of_charges = (mine[first : first + n] @ own.to_own[b]).reshape(-1, 5)
         first += n
-        free = at.holes**2 * np.einsum("rkf,rf->rk", own.to_paths[b], left[b])
+        free = at.holes**2 * np.einsum("rkf,rf->rk", own.to_paths[b], weighted[b])
         free = free.reshape(len(free), -1, 5)
         of_paths = np.einsum("hg,rgk->hrk", _coherence(each.places), free)
         most = WIDE * max(at.holes, 0.2)

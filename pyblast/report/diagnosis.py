@@ -457,8 +457,8 @@ def assumptions(diagnosis: Diagnosed, summary: dict) -> list[str]:
         "the outcome is NULL only if the "
         f"energy that remains of every receiver and every blast is below {MATERIAL:g} times the "
         f"usual one, and no calibrated value lies beyond {FAR_OFF:g} prior deviations.",
-        "Real holes of one charge do not radiate alike: each charge, and its path to each receiver, "
-        "has a smooth filter of its own; how much these vary is learned before any effect is asked "
+        "Holes of one charge do not radiate alike: each charge, and its path to each receiver, has "
+        "a smooth filter of its own. How much these vary is learned before any effect is asked "
         "for, and counts as usual.",
         f"The ground is made of {case.project.meshed.reason}{finer}.",
         "Attenuation of the reference site: "

@@ -24,7 +24,7 @@ def fitter(thickest, thinnest=0.0):
         ]
 
     baseline = SimpleNamespace(sigma=np.zeros(0), slopes=np.zeros((0,)))
-    scene = SimpleNamespace(
+    scene = SimpleNamespace(unplanned=0.0, 
         case=None, baseline=baseline, simulate=simulate, error=None,
         received=lambda motion, _: motion, contained=lambda _: nullcontext(),
     )  # fmt: skip

@@ -20,6 +20,7 @@ from pyblast.inference.variation import (
     learned_variation,
     log_filters,
     variation,
+    with_variation,
 )
 
 NOISE, BAND, _ = residual_case()
@@ -84,7 +85,7 @@ def learned(level, seed):
     around = error()
     moved = BAND.project(sent(drawn(level, rng)) - sent())
     noise = around.draws(rng, 1, around.most_probable(0.0 * moved)[0]._replace(scatter=5e-3))[0]
-    return learned_variation(around, {0: charges()}, BAND, moved + noise, no_columns(), VARIED)
+    return learned_variation(lambda _: around, {0: charges()}, BAND, moved + noise, VARIED)
 
 
 @pytest.mark.parametrize("level", [0.1, 0.2, 0.3])
@@ -95,9 +96,12 @@ def test_the_level_of_drawn_holes_is_found_within_a_third(level):
 
 
 def test_holes_that_do_not_vary_are_said_to_vary_by_less_than_some_per_cent():
-    _, varied, energy = learned(0.0, 1)
+    around, varied, levels = learned(0.0, 1)
+    energy = varied.value**2 * around.energy
 
-    assert varied.high < 0.1 and varied.words.startswith("holes vary by less than")
+    assert varied.high < 0.1
+    assert varied.words.startswith("holes vary by less than")
+    assert levels == VARIED[:2]
     assert np.all(energy < 0.01 * np.sum(BAND.project(sent()) ** 2, axis=(-2, -1)))
 
 
@@ -108,8 +112,10 @@ def test_small_filters_change_motion_as_their_columns_and_large_ones_as_columns_
 
     for known, filters in ((None, step), (around, both)):
         own = linear(known)
-        of_charges = own.to_own[0] @ filters.own.ravel() @ own.columns.columns.reshape(
-            len(own.to_own[0]), -1
+        of_charges = (
+            own.to_own[0]
+            @ filters.own.ravel()
+            @ own.columns.columns.reshape(len(own.to_own[0]), -1)
         )
         root = np.linalg.cholesky(own_coherence())
         free = np.linalg.solve(root, filters.paths.reshape(N_HOLES, -1)).reshape(
@@ -117,7 +123,11 @@ def test_small_filters_change_motion_as_their_columns_and_large_ones_as_columns_
         )
         free = np.moveaxis(free, 1, 0).reshape(N_RECEIVERS, -1)
         of_paths = np.einsum("rk,rkf->rf", free, own.to_paths[0])
-        said = own.offset + (of_charges + of_paths.ravel()).reshape(own.offset.shape)
+        said = (
+            BAND.project(own.change)
+            + own.offset
+            + (of_charges + of_paths.ravel()).reshape(own.offset.shape)
+        )
         exact = BAND.project(sent(filters) - sent())
 
         assert np.linalg.norm(said - exact) < np.sqrt(2.0 * LOST) * np.linalg.norm(exact)
@@ -157,7 +167,8 @@ def test_what_is_most_probable_solves_the_normal_equations():
     known = np.linalg.solve(inner, columns @ np.linalg.solve(covariance, residual.ravel()))
     rest = np.linalg.solve(covariance, residual.ravel() - known @ columns)
 
-    assert level.holes == 0.2 and set(whole.nuisances.groups) == {HOLES}
+    assert level.holes == 0.2
+    assert set(whole.nuisances.groups) == {HOLES}
     np.testing.assert_allclose(factors, 0.2 * known, rtol=1e-6, atol=1e-9)
     np.testing.assert_allclose(left.ravel(), rest, rtol=1e-6, atol=1e-6 * np.abs(rest).max())
 
@@ -165,11 +176,19 @@ def test_what_is_most_probable_solves_the_normal_equations():
 def test_scales_of_varied_holes_are_named_without_the_level_alone():
     rng, around = np.random.default_rng(5), error()
     moved = BAND.project(sent(drawn(0.2, rng)) - sent())
-    parts = linear().columns  # spans scales of single holes, among others
-    shapes = Change(0.3 * np.array(parts.columns[-N_HOLES:]))
-    with_level, *_ = learned_variation(
-        around, {0: charges()}, BAND, moved, no_columns(), VARIED
-    )
+    scaled = [0.3 * BAND.project(sent(scale(h)) - sent()) for h in range(N_HOLES)]
+    own, _, levels = learned_variation(lambda _: around, {0: charges()}, BAND, moved, VARIED)
+    whole, rest = with_variation(around, own, levels), moved - BAND.project(own.change)
 
-    assert around.scores(moved[None], [shapes]).log_bayes[0, 0] > 10.0
-    assert with_level.scores(moved[None], [shapes]).log_bayes[0, 0] < 0.0
+    without = around.scores(moved[None], [Change(np.array(scaled))]).log_bayes[0, 0]
+    (beside,) = whole.scores(rest[None], [Change(np.array(scaled))]).log_bayes[0]
+
+    assert without > 10.0
+    assert beside < 0.0
+
+
+def scale(hole):
+    """Return filters by which one charge sends e times as much."""
+    own = np.zeros((N_HOLES, 5))
+    own[hole, 0] = np.sqrt(2.5)
+    return Filters(own, np.zeros((N_HOLES, N_RECEIVERS, 5)))
