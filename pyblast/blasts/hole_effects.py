@@ -199,6 +199,15 @@ class HoleChange(NamedTuple):
         return _two(self.scale)[..., None] * np.exp(log)
 
 
+def together(changes: Sequence[HoleChange]) -> HoleChange:
+    """Return several changes of the same holes as one."""
+    scale, rest = 1.0, np.zeros(3).tolist()
+    for change in changes:
+        scale = scale * _two(change.scale)
+        rest = [x + _two(y) for x, y in zip(rest, change[1:], strict=True)]
+    return HoleChange(scale, *rest)
+
+
 def _two(x):
     """Return a value of each hole, or of each hole and receiver, as an array of two axes."""
     x = np.asarray(x, dtype=float)
@@ -294,11 +303,7 @@ def over_holes(
     omega = 2.0 * np.pi * np.asarray(frequency, dtype=float)
     middle = float(np.sqrt(omega[omega > 0.0].min() * omega.max()))
     changes = [row.change(pattern, x) for row, x in zip(rows, strengths, strict=True)]
-    shape = len(pattern.places), 1, len(omega)
-    factor = np.ones(shape, dtype=complex)
-    for change in changes:
-        factor = factor * change.factor(omega, middle, pulse)
-    return factor
+    return together(changes).factor(omega, middle, pulse)
 
 
 _CHARGES = "holes of 35 to 130 kg, drawn over the pattern"

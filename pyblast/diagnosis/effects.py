@@ -11,7 +11,7 @@ import numpy as np
 from scipy import fft
 
 from ..blasts.blast import Blast
-from ..blasts.hole_effects import HoleChange
+from ..blasts.hole_effects import HoleChange, together
 from ..errors import InputError, contained
 from ..ground.tables import quality_of
 from ..inference.error_model import ErrorModel
@@ -32,12 +32,13 @@ from . import library  # noqa: F401  fills the library
 from .calibration import Baseline, attenuated
 from .case import Case
 from .error import VARIED, learned_error, with_calibrated
-from .forward import Surroundings, holds, simulation_of, surroundings
+from .forward import Surroundings, holds, hole_motion, simulation_of, surroundings
 from .hypotheses import (
     FAMILIES,
     LIBRARY,
     Hypothesis,
     blast_and_hole,
+    pattern_of,
     patterns_of,
     superposed,
 )
@@ -194,7 +195,7 @@ class Scene:
         """Return the columns of firing times by the motion of each hole, by number of the blast."""
         seconds = 1e-3 * self.case.project.config.priors.firing_ms
         late = {
-            b: [self._by_change(name, HoleChange(delay=each), holes[name])
+            b: [self.change_by_holes(name, HoleChange(delay=each), holes[name])
                 for each in seconds * np.eye(len(holes[name]))]
             for b, name in enumerate(self.case.blasts)
             if seconds and len(holes.get(name, ())) > 1
@@ -390,7 +391,9 @@ class Scene:
             if own in ("", name)
         )
 
-    def change_by_holes(self, name: str, changes: HoleChange) -> np.ndarray:
+    def change_by_holes(
+        self, name: str, changes: HoleChange, holes: np.ndarray | None = None
+    ) -> np.ndarray:
         """Return the change of motion by changes of what the holes of a blast send.
 
         Parameters
@@ -398,20 +401,19 @@ class Scene:
         name : str
         changes : HoleChange
             Of each hole, or of each hole and receiver.
+        holes : (n_holes, n_receivers, 3, n_samples) float64, m/s, optional
+            Motion of each, fired at zero; as it was learned to vary by default.
 
         Returns
         -------
         (n_blasts, n_receivers, 3, n_samples) float64, m/s
         """
-        holes, at = self.holes.get(name), self.case.blasts.index(name)
-        if self.varied is not None:
-            holes = self.varied.around.charges.get(at, holes)
-        return self._by_change(name, changes, holes)
-
-    def _by_change(self, name, changes, holes):
-        """Return the change of motion by changes of holes (n_holes, ...), None if unknown."""
         blast, at = self.case.project.blasts[name], self.case.blasts.index(name)
         times, n = blast.times, self.case.n_samples
+        if holes is None:
+            holes = self.holes.get(name)
+            if self.varied is not None:
+                holes = self.varied.around.charges.get(at, holes)
         if holes is None:  # all holes have the same delay and scale
             holes, times = self.baseline.motion[[at]], np.zeros(1)
             changes = HoleChange(*(np.ravel(each)[:1] for each in changes))
@@ -546,7 +548,8 @@ def predict(
     values : (n_calibrated,) float
         Values of a diagnosis.
     effects : sequence of Effect
-        Effects on holes are ignored: they belong to another blast.
+        Effects on the holes of a blast are ignored: they belong to another one. Those of all holes
+        of the site are applied, by the motion of each.
     folder : path, optional
         Folder of stored runs.
 
@@ -569,8 +572,18 @@ def predict(
     reference, project = (with_blast(each, FURTHER, blast) for each in (case.project, answer))
     further = replace(case, project=reference, blasts=(FURTHER,))
     simulation = simulation_of(further, folder, finer=True)
-    scene = PredictionScene(simulation, further, project)
-    return with_motion_effects(scene, simulation.motion(project), effects)[0]
+    motion = simulation.motion(project)
+    rows = [effect for effect in _acting(effects, "holes") if not effect.target]
+    if rows:
+        pattern = pattern_of(case, blast)
+        baseline = Baseline(
+            further, (), np.zeros(0), np.zeros((0, 0)), project, motion,
+            np.zeros((0, *motion.shape)), motion, 0.0 * motion, np.ones(motion.shape[:2]),
+        )  # fmt: skip
+        fired, own = Scene(simulation, baseline, {}), hole_motion(simulation, further, project)
+        changes = [e.hypothesis.apply(pattern, e.target, **e.parameters) for e in rows]
+        motion = motion + fired.change_by_holes(FURTHER, together(changes), own[FURTHER])
+    return with_motion_effects(PredictionScene(simulation, further, project), motion, effects)[0]
 
 
 def at_further(case: Case, blast: Blast) -> Case:

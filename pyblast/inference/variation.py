@@ -243,20 +243,31 @@ def learned_variation(
     -----
     theory.md (12.9).
     """
-    own = variation(charges, band, residual.shape)
+    own, at = variation(charges, band, residual.shape), None
     for _ in range(ROUNDS):
-        whole = with_variation(build(own), own, levels)
-        at, factors, weighted = whole.most_probable(residual - band.project(own.change))
+        whole, rest = with_variation(build(own), own, levels), residual - band.project(own.change)
+        at, factors, weighted = _near(whole, at).most_probable(rest)
         if at.holes == 0.0:
             break
-        own = variation(
-            charges, band, residual.shape, _filters(own, charges, whole, at, factors, weighted)
-        )
+        known = _filters(own, charges, whole, at, factors, weighted)
+        own = variation(charges, band, residual.shape, known)
     whole, rest = with_variation(build(own), own, levels), residual - band.project(own.change)
-    at, *_ = whole.most_probable(rest)
+    at, *_ = _near(whole, at).most_probable(rest)
     above = [level for level in levels if level > at.holes][:1]
     remaining = (*(level for level in levels if level <= at.holes), *above)
     return own, _interval(whole, at, rest), remaining
+
+
+def _near(error: ErrorModel, at: Level | None) -> ErrorModel:
+    """Return an error with the levels next to those that were the most probable, if any were."""
+    if at is None:
+        return error
+    near = [
+        tuple(values[max(values.index(own) - 1, 0) : values.index(own) + 2])
+        if own in values else values
+        for values, own in zip(error.levels, at, strict=True)
+    ]  # fmt: skip
+    return replace(error, levels=Levels(*near))
 
 
 def _filters(own, charges, whole, at, factors, weighted):
