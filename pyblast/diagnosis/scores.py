@@ -186,7 +186,7 @@ def members_of(
         for target in hypothesis.targets(case):
             run, scored = _blasts_of(target, case)
             tried += [(t, run, scored) for t in trials(hypothesis, target, scene)]
-    by_runs = [row for row in tried if row[0].effects[0].hypothesis.on == "site"]
+    by_runs = _cheapest_first(row for row in tried if row[0].effects[0].hypothesis.on == "site")
     done = [
         (trial, scored, _change_without_runs(scene, trial))
         for trial, _, scored in tried if trial.effects[0].hypothesis.on != "site"
@@ -206,6 +206,20 @@ def members_of(
         Member(trial, Change(shapes / (trial.share or 1.0), trial.share == 0.0), scored)
         for trial, scored, shapes in done if shapes is not None and np.any(shapes)
     ]  # fmt: skip
+
+
+def _cheapest_first(rows):
+    """Return rows of trials in the order of what they decide for their work.
+
+    Those on the mesh of the reference first, and the first of each hypothesis before its others.
+    """
+    turns: dict[str, int] = {}
+    keyed = []
+    for row in rows:
+        hypothesis = row[0].effects[0].hypothesis
+        turns[hypothesis.name] = turns.get(hypothesis.name, -1) + 1
+        keyed.append(((hypothesis.mesh_control is not None, turns[hypothesis.name]), row))
+    return [row for _, row in sorted(keyed, key=lambda pair: pair[0])]
 
 
 def _change_without_runs(scene, trial):
