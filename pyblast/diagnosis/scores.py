@@ -9,10 +9,11 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import logsumexp
 
+from ..errors import contained
 from ..inference.error_model import Change, ErrorModel, Level, Scores
 from ..inference.nuisances import UNCORRECTED
 from .case import Case
-from .effects import Effect, Scene, starting_effects
+from .effects import Effect, Scene, changed_site, starting_effects
 from .error import with_calibrated
 from .fitting import Fit
 from .hypotheses import LIBRARY, Hypothesis, blast_and_hole
@@ -186,7 +187,8 @@ def members_of(
         for target in hypothesis.targets(case):
             run, scored = _blasts_of(target, case)
             tried += [(t, run, scored) for t in trials(hypothesis, target, scene)]
-    by_runs = _cheapest_first(row for row in tried if row[0].effects[0].hypothesis.on == "site")
+    by_runs = [row for row in tried if row[0].effects[0].hypothesis.on == "site"]
+    by_runs = _cheapest_first(scene, by_runs)
     done = [
         (trial, scored, _change_without_runs(scene, trial))
         for trial, _, scored in tried if trial.effects[0].hypothesis.on != "site"
@@ -208,7 +210,7 @@ def members_of(
     ]  # fmt: skip
 
 
-def _cheapest_first(rows):
+def _cheapest_first(scene, rows):
     """Return rows of trials in the order of what they decide for their work.
 
     Those on the mesh of the reference first, and the first of each hypothesis before its others.
@@ -216,10 +218,19 @@ def _cheapest_first(rows):
     turns: dict[str, int] = {}
     keyed = []
     for row in rows:
-        hypothesis = row[0].effects[0].hypothesis
-        turns[hypothesis.name] = turns.get(hypothesis.name, -1) + 1
-        keyed.append(((hypothesis.mesh_control is not None, turns[hypothesis.name]), row))
+        effect = row[0].effects[0]
+        turns[effect.name] = turns.get(effect.name, -1) + 1
+        keyed.append(((_is_meshed_anew(scene, effect), turns[effect.name]), row))
     return [row for _, row in sorted(keyed, key=lambda pair: pair[0])]
+
+
+def _is_meshed_anew(scene, effect):
+    """Tell whether an effect changes the geometry, or can't be built."""
+    reference, baseline = scene.case.project, scene.baseline
+    with contained({}, effect.where):
+        site = changed_site(reference, 0.0 * baseline.values, (effect,), baseline.parameters)
+        return site is None or site.geometry != reference.geometry
+    return True
 
 
 def _change_without_runs(scene, trial):

@@ -250,12 +250,13 @@ def test_ground_that_takes_much_of_the_budget_that_is_left_is_not_tried(runs_lef
 
 
 def test_members_on_the_mesh_of_the_reference_come_first():
+    scene = scores("nothing").scene
     hypotheses = [LIBRARY[name] for name in ("soft_surface_layer", "joint_viscous_fill")]
     rows = [(trial, (), ()) for each in hypotheses
-            for target in each.targets(scores("nothing").scene.case)
-            for trial in trials(each, target, scores("nothing").scene)]  # fmt: skip
+            for target in each.targets(scene.case)
+            for trial in trials(each, target, scene)]  # fmt: skip
 
-    first, *_, last = _cheapest_first(rows)
+    first, *_, last = _cheapest_first(scene, rows)
 
     assert first[0].effects[0].name == "joint_viscous_fill"
     assert last[0].effects[0].name == "soft_surface_layer"
