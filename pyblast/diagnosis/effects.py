@@ -25,7 +25,7 @@ from .case import Case
 from .error import learned_error
 from .forward import Surroundings, holds, simulation_of, surroundings
 from .hypotheses import FAMILIES, LIBRARY, Hypothesis, blast_and_hole, superposed
-from .thresholds import IDEALISED, MOST_WORK
+from .thresholds import DEAREST, IDEALISED
 
 FURTHER = "further blast"
 RUNS, HOLES = "runs", "motion of single holes"  # parts of a diagnosis that may fail
@@ -85,12 +85,16 @@ class Scene:
     failures : dict
         Sentences of errors: of effects, by their names and targets; of parts of the diagnosis, by
         the name of the part.
+    budget : float
+        Work that effects may take, in runs of the reference.
     """
 
     simulation: Simulation
     baseline: Baseline
     holes: dict[str, np.ndarray]
     failures: dict[frozenset | str, str] = field(default_factory=dict)
+    budget: float = np.inf
+    _dearer: float = field(default=0.0, repr=False)
     _simulated: dict = field(default_factory=dict, repr=False)
     _corrections: dict = field(default_factory=dict, repr=False)
     _impossible: set = field(default_factory=set, repr=False)
@@ -233,25 +237,36 @@ class Scene:
             for b in missing
             if (shape, b) not in self._corrections and (shape, b) not in controls
         }
+        dearer = 0.0
         for alike in (states, own):
             for n, state in enumerate(alike.values()):
                 model = self.simulation.model(state)  # raises where it can't be built
                 if n == 0:  # blasts share a ground
-                    self._refuse_work(model)
+                    times = self._affordable(model, len(alike))
+                    dearer += (times - 1.0) * len(alike)
+        self._dearer += dearer
         controls.update(own)
         return states, shape
 
-    def _refuse_work(self, model):
-        """Refuse a model whose run takes `MOST_WORK` times that of the reference.
+    def _affordable(self, model, number):
+        """Return the work of a run over that of the reference; refuse what is not worth it.
 
-        Planes and surfaces that nearly meet leave zones without end of their time step.
+        That is a number of runs that take more than `DEAREST` of the budget that is left. Planes
+        and surfaces that nearly meet leave zones without end of their time step.
         """
         times = _work(model) / self._work_of_reference
-        if times > MOST_WORK:
+        most = DEAREST * (self.budget - self.work)
+        if times * number > most:
             raise InputError(
-                f"its ground takes {times:.2g} times the work of the reference, and at most "
-                f"{MOST_WORK:g} are tried: where planes and surfaces nearly meet, zones are short"
+                f"not computed: its runs take {times * number:.2g} times the work of one of the "
+                f"reference, and {max(most, 0.0):.2g} are left for it; give more --minutes"
             )
+        return times
+
+    @property
+    def work(self) -> float:
+        """Work of all runs so far, in runs of the reference."""
+        return self.simulation.runs + self._dearer
 
     @cached_property
     def _work_of_reference(self):

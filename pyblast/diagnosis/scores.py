@@ -9,10 +9,11 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import logsumexp
 
+from ..errors import contained
 from ..inference.error_model import Change, ErrorModel, Level, Scores
 from ..inference.nuisances import UNCORRECTED
 from .case import Case
-from .effects import Effect, Scene, starting_effects
+from .effects import Effect, Scene, changed_site, starting_effects
 from .error import with_calibrated
 from .fitting import Fit
 from .hypotheses import LIBRARY, Hypothesis, blast_and_hole
@@ -187,6 +188,7 @@ def members_of(
             run, scored = _blasts_of(target, case)
             tried += [(t, run, scored) for t in trials(hypothesis, target, scene)]
     by_runs = [row for row in tried if row[0].effects[0].hypothesis.on == "site"]
+    by_runs = _cheapest_first(scene, by_runs)
     done = [
         (trial, scored, _change_without_runs(scene, trial))
         for trial, _, scored in tried if trial.effects[0].hypothesis.on != "site"
@@ -206,6 +208,29 @@ def members_of(
         Member(trial, Change(shapes / (trial.share or 1.0), trial.share == 0.0), scored)
         for trial, scored, shapes in done if shapes is not None and np.any(shapes)
     ]  # fmt: skip
+
+
+def _cheapest_first(scene, rows):
+    """Return rows of trials in the order of what they decide for their work.
+
+    Those on the mesh of the reference first, and the first of each hypothesis before its others.
+    """
+    turns: dict[str, int] = {}
+    keyed = []
+    for row in rows:
+        effect = row[0].effects[0]
+        turns[effect.name] = turns.get(effect.name, -1) + 1
+        keyed.append(((_is_meshed_anew(scene, effect), turns[effect.name]), row))
+    return [row for _, row in sorted(keyed, key=lambda pair: pair[0])]
+
+
+def _is_meshed_anew(scene, effect):
+    """Tell whether an effect changes the geometry, or can't be built."""
+    reference, baseline = scene.case.project, scene.baseline
+    with contained({}, effect.where):
+        site = changed_site(reference, 0.0 * baseline.values, (effect,), baseline.parameters)
+        return site is None or site.geometry != reference.geometry
+    return True
 
 
 def _change_without_runs(scene, trial):

@@ -77,6 +77,8 @@ class Simulation:
         Number of runs, and number of those that were in the folder already.
     cached_s : float, s
         Time that the latter took when they were run.
+    seconds : float
+        Time that all runs took when they were run.
     """
 
     shots: tuple[str, ...]
@@ -92,6 +94,7 @@ class Simulation:
     runs: int = 0
     cached: int = 0
     cached_s: float = 0.0
+    seconds: float = 0.0
     _known: set = field(default_factory=set, repr=False)
 
     def motion(self, state: State, shots: Sequence[str] | None = None) -> np.ndarray:
@@ -136,11 +139,17 @@ class Simulation:
         done = run_all(models, self.duration, folder=self.folder, executor=self.executor)
         self.runs += len(done)
         for run in done:
+            self.seconds += run.wall_seconds
             key = run.provenance["input_sha256"], *run.seismograms
             if run.from_cache and key not in self._known:
                 self.cached, self.cached_s = self.cached + 1, self.cached_s + run.wall_seconds
             self._known.add(key)
         return done
+
+    @property
+    def seconds_of_run(self) -> float:
+        """Mean time of a run in s, zero without one."""
+        return self.seconds / max(self.runs, 1)
 
     def sampled(
         self,

@@ -42,6 +42,7 @@ REPORT = "report.html"
 RUNS = "runs"
 STARTED = "unfinished.json"
 BUDGET = 400
+LEAST_SECONDS = 1e-3  # of a run
 NEAR = 1e-6  # m, tolerance for positions outside of the box
 
 
@@ -72,6 +73,7 @@ def diagnose(
     folder=None,
     *,
     budget: int = BUDGET,
+    minutes: float | None = None,
     seed: int = 1,
     correct: bool = False,
     executor: Executor | None = None,
@@ -87,7 +89,9 @@ def diagnose(
     folder : path, optional
         Folder of stored runs; after an interruption the same call resumes.
     budget : int
-        Number of runs of one blast after which no further effect is tried.
+        Work after which no further effect is tried, in runs of one blast on the calibrated site.
+    minutes : float, optional
+        Of computing, in place of the budget, by what the runs of the calibration took.
     seed : int
         Of the draws without an effect.
     correct : bool
@@ -128,11 +132,14 @@ def diagnose(
     case = taught(everything, lambda part: simulation_of(part, folder, executor))
     scene, finer = prepared(case, folder, executor, failures, wrong, report)
     counted = [each for each in (*checks, scene.simulation, finer) if each is not None]
+    scene.budget = budget
+    if minutes is not None:
+        scene.budget = 60.0 * minutes / max(scene.simulation.seconds_of_run, LEAST_SECONDS)
     if wrong:
         chosen = fit_calibrated(scene)
-        done = Search(scene, budget, report, chosen, chosen=chosen)
+        done = Search(scene, report, chosen, chosen=chosen)
     else:
-        done = search(scene, budget, report, lambda state: known(known_so_far(state)), seed)
+        done = search(scene, report, lambda state: known(known_so_far(state)), seed)
     decision = undecided(done)
     with contained(failures, "decision"):
         decision = replace(decision, outcome="MISTAKE") if wrong else decide(done, finer)
@@ -150,6 +157,7 @@ def diagnose(
         "kept_s": round(sum(each.cached_s for each in counted), 1),
         "seed": seed,
         "budget": budget,
+        "minutes": minutes,
         "corrected": correct,
         "finished": done.finished,
     }
@@ -229,6 +237,7 @@ def diagnose_file(
     output,
     *,
     budget=BUDGET,
+    minutes=None,
     seed=1,
     correct=False,
     executor=None,
@@ -246,7 +255,7 @@ def diagnose_file(
     output : path
         Folder for the result. Runs are stored in its folder ``runs``, so that the same call
         resumes after an interruption; a finished diagnosis of the same files is read.
-    budget, seed, correct, executor, progress, known
+    budget, minutes, seed, correct, executor, progress, known
         As of `diagnose`.
     runs : path, optional
         Another folder for the runs.
@@ -261,7 +270,7 @@ def diagnose_file(
     output = Path(output)
     project = read_case(file)
     provenance = versions(_hash_of(project)) | {"code_sha256": code_hash(WHOLE)}
-    finished = _finished(output, provenance, budget, seed, correct)
+    finished = _finished(output, provenance, budget, minutes, seed, correct)
     if finished is not None:
         return finished
     _say_level(project, say)
@@ -273,6 +282,7 @@ def diagnose_file(
         project,
         runs or output / RUNS,
         budget=budget,
+        minutes=minutes,
         seed=seed,
         correct=correct,
         executor=executor,
@@ -315,7 +325,8 @@ def _finished(output, provenance, *asked):
         return None
     before = known.get("provenance")
     same = isinstance(before, dict) and _decisive(before) == _decisive(provenance)
-    answered = known.get("budget"), known.get("seed"), known.get("corrected", False)
+    keys = "budget", "minutes", "seed", "corrected"
+    answered = tuple(known.get(key) for key in keys)
     return known if same and answered == asked else None
 
 
@@ -449,6 +460,7 @@ def diagnose_case(
     *,
     fresh: bool = False,
     budget: int = BUDGET,
+    minutes: float | None = None,
     seed: int = 1,
     correct: bool = False,
     executor: Executor | None = None,
@@ -467,8 +479,8 @@ def diagnose_case(
         same input is read.
     fresh : bool
         Whether to run all models again.
-    budget : int
-        Number of runs of one blast after which no further effect is tried.
+    budget, minutes
+        As of `diagnose`.
     seed : int
         Of the draws without an effect.
     correct : bool
@@ -500,12 +512,12 @@ def diagnose_case(
     if fresh:
         shutil.rmtree(out / RUNS, ignore_errors=True)
     for finished in [] if fresh else numbered_folders(out):
-        known = _finished(finished, provenance, budget, seed, correct)
+        known = _finished(finished, provenance, budget, minutes, seed, correct)
         if known is not None:
             say(f"this diagnosis is finished: {finished}; --fresh repeats it")
             return known, finished
-    started = {"input_sha256": provenance["input_sha256"], "budget": budget, "seed": seed,
-               "corrected": correct}  # fmt: skip
+    started = {"input_sha256": provenance["input_sha256"], "budget": budget,
+               "minutes": minutes, "seed": seed, "corrected": correct}  # fmt: skip
 
     def unfinished(path: Path) -> bool:
         return _started(path) == started
@@ -515,8 +527,8 @@ def diagnose_case(
         write_summary(result / STARTED, started)
         try:
             summary = diagnose_file(
-                case, result, budget=budget, seed=seed, correct=correct, executor=executor,
-                progress=progress,
+                case, result, budget=budget, minutes=minutes, seed=seed, correct=correct,
+                executor=executor, progress=progress,
                 known=lambda so_far: write_summary(
                     result / STARTED, started | {"known_so_far": so_far}
                 ),
@@ -540,7 +552,7 @@ def _started(folder):
         table = json.loads((folder / STARTED).read_text(encoding="utf-8"))
     except (OSError, ValueError):
         return None
-    arguments = "input_sha256", "budget", "seed", "corrected"
+    arguments = "input_sha256", "budget", "minutes", "seed", "corrected"
     return {k: table.get(k) for k in arguments} if isinstance(table, dict) else None
 
 

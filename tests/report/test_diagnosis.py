@@ -64,7 +64,7 @@ def made(outcome):
     here = scene()
     none = fit(here, ())
     fits = [fit(here, (one,)) for one in (SLOW, DELAYS)]
-    found = Search(here, 400, lambda *_: None, none, fits, fits[0])
+    found = Search(here, lambda *_: None, none, fits, fits[0])
     decision = decide(found)
     if outcome == "CLASS":
         rivals = ("delay_scatter", "clock_error")
@@ -72,7 +72,7 @@ def made(outcome):
     if outcome == "UNKNOWN":
         decision = replace(decision, outcome=outcome, fit=none, rivals=())
     if outcome == "NULL":
-        found = Search(here, 400, lambda *_: None, none, [], none)
+        found = Search(here, lambda *_: None, none, [], none)
         decision = Decision(outcome, none, (), {"none": 1.0}, 0.0, None)
     return Made(here, found, decision), summarise_diagnosis(found, decision) | NOTES
 

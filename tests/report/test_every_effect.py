@@ -93,7 +93,7 @@ def fitted(scene, *effects):
 def answer_with(scene, *effects):
     """Return a diagnosis whose answer is some effects, and its summary."""
     none, fit = fitted(scene), fitted(scene, *effects)
-    found = Search(scene, 400, lambda *_: None, none, [fit], [], fit)
+    found = Search(scene, lambda *_: None, none, [fit], [], fit)
     outcome = "COMPOSITE" if len(fit.labels) > 1 else "NAMED"
     tested = CrossValidation(())
     decision = Decision(outcome, fit, (), dict.fromkeys(fit.labels, 0.9), 0.9, tested, fit)
