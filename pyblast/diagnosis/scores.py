@@ -1,5 +1,6 @@
 """Scores of every hypothesis: its change of motion, the error beside it, detection limits."""
 
+from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
@@ -13,7 +14,7 @@ from ..errors import contained
 from ..inference.error_model import Change, ErrorModel, Level, Scores
 from ..inference.nuisances import UNCORRECTED
 from .case import Case
-from .effects import Effect, Scene, changed_site, starting_effects
+from .effects import Effect, Scene, starting_effects
 from .error import with_calibrated
 from .fitting import Fit
 from .hypotheses import LIBRARY, Hypothesis, blast_and_hole
@@ -187,8 +188,8 @@ def members_of(
         for target in hypothesis.targets(case):
             run, scored = _blasts_of(target, case)
             tried += [(t, run, scored) for t in trials(hypothesis, target, scene)]
-    by_runs = [row for row in tried if row[0].effects[0].hypothesis.on == "site"]
-    by_runs = _cheapest_first(scene, by_runs)
+    on_site = [row for row in tried if row[0].effects[0].hypothesis.on == "site"]
+    by_runs = _cheapest_first(scene, on_site)
     done = [
         (trial, scored, _change_without_runs(scene, trial))
         for trial, _, scored in tried if trial.effects[0].hypothesis.on != "site"
@@ -211,26 +212,20 @@ def members_of(
 
 
 def _cheapest_first(scene, rows):
-    """Return rows of trials in the order of what they decide for their work.
+    """Return rows of trials by blasts, in the order of what they decide for their price.
 
-    Those on the mesh of the reference first, and the first of each hypothesis before its others.
+    The first value and target of a hypothesis decides most, each further one less.
     """
-    turns: dict[str, int] = {}
-    keyed = []
-    for row in rows:
+    turns: Counter[str] = Counter()
+    keyed, values = [], 0.0 * scene.baseline.values
+    for number, row in enumerate(rows):
         effect = row[0].effects[0]
-        turns[effect.name] = turns.get(effect.name, -1) + 1
-        keyed.append(((_is_meshed_anew(scene, effect), turns[effect.name]), row))
-    return [row for _, row in sorted(keyed, key=lambda pair: pair[0])]
-
-
-def _is_meshed_anew(scene, effect):
-    """Tell whether an effect changes the geometry, or can't be built."""
-    reference, baseline = scene.case.project, scene.baseline
-    with contained({}, effect.where):
-        site = changed_site(reference, 0.0 * baseline.values, (effect,), baseline.parameters)
-        return site is None or site.geometry != reference.geometry
-    return True
+        turns[effect.name] += 1
+        price = np.inf
+        with contained({}, effect.where):
+            price = scene.price(values, (effect,))
+        keyed.append((row[1], turns[effect.name] * price, number))
+    return [rows[number] for *_, number in sorted(keyed)]
 
 
 def _change_without_runs(scene, trial):

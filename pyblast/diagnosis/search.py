@@ -112,9 +112,9 @@ class Search:
 
     def runs_left(self) -> bool:
         """Tell whether the budget allows more runs."""
-        left = self.scene.work < self.scene.budget
-        self.finished = self.finished and left
-        return left
+        more = self.scene.spent < self.scene.budget
+        self.finished = self.finished and more
+        return more
 
     def _lead(self, best, other):
         """Return the log Bayes factor between two fits."""

@@ -126,6 +126,9 @@ DEAREST = _enter(
     "Work of the runs of one effect above which it is not tried",
     "a soft layer of 1 m takes 12 times the reference; slivers of a site took 180 to 3,700 times",
 )  # fmt: skip
+ORDINARY = _enter(
+    "ORDINARY", 3.0, "runs of the reference", "Price of a run that is never too dear", "assumed",
+)  # fmt: skip
 # Cross-validation
 LEAST_LOSS = _enter(
     "LEAST_LOSS", 0.5, EVIDENCE,

@@ -41,8 +41,7 @@ RESULT = "diagnosis.json"
 REPORT = "report.html"
 RUNS = "runs"
 STARTED = "unfinished.json"
-BUDGET = 400
-LEAST_SECONDS = 1e-3  # of a run
+RUNS_PAID = 400  # runs of a blast on the calibrated site, whose price is the budget unless given
 NEAR = 1e-6  # m, tolerance for positions outside of the box
 
 
@@ -72,7 +71,6 @@ def diagnose(
     project: Project,
     folder=None,
     *,
-    budget: int = BUDGET,
     minutes: float | None = None,
     seed: int = 1,
     correct: bool = False,
@@ -88,10 +86,9 @@ def diagnose(
         With records of at least one blast, and the further blasts of `with_further`.
     folder : path, optional
         Folder of stored runs; after an interruption the same call resumes.
-    budget : int
-        Work after which no further effect is tried, in runs of one blast on the calibrated site.
     minutes : float, optional
-        Of computing, in place of the budget, by what the runs of the calibration took.
+        Of one processor, as `estimate` prices runs, after which no further effect is tried; by
+        default what `RUNS_PAID` runs of one blast on the calibrated site cost.
     seed : int
         Of the draws without an effect.
     correct : bool
@@ -132,9 +129,10 @@ def diagnose(
     case = taught(everything, lambda part: simulation_of(part, folder, executor))
     scene, finer = prepared(case, folder, executor, failures, wrong, report)
     counted = [each for each in (*checks, scene.simulation, finer) if each is not None]
-    scene.budget = budget
+    scene.others = tuple(each for each in counted if each is not scene.simulation)
+    scene.budget = RUNS_PAID * scene.simulation.priced / max(scene.simulation.runs, 1)
     if minutes is not None:
-        scene.budget = 60.0 * minutes / max(scene.simulation.seconds_of_run, LEAST_SECONDS)
+        scene.budget = 60.0 * minutes
     if wrong:
         chosen = fit_calibrated(scene)
         done = Search(scene, report, chosen, chosen=chosen)
@@ -156,8 +154,9 @@ def diagnose(
         "kept_runs": sum(each.cached for each in counted),
         "kept_s": round(sum(each.cached_s for each in counted), 1),
         "seed": seed,
-        "budget": budget,
         "minutes": minutes,
+        "minutes_allowed": round(scene.budget / 60.0, 2),
+        "minutes_spent": round(scene.spent / 60.0, 2),
         "corrected": correct,
         "finished": done.finished,
     }
@@ -236,7 +235,6 @@ def diagnose_file(
     file,
     output,
     *,
-    budget=BUDGET,
     minutes=None,
     seed=1,
     correct=False,
@@ -255,7 +253,7 @@ def diagnose_file(
     output : path
         Folder for the result. Runs are stored in its folder ``runs``, so that the same call
         resumes after an interruption; a finished diagnosis of the same files is read.
-    budget, minutes, seed, correct, executor, progress, known
+    minutes, seed, correct, executor, progress, known
         As of `diagnose`.
     runs : path, optional
         Another folder for the runs.
@@ -270,7 +268,7 @@ def diagnose_file(
     output = Path(output)
     project = read_case(file)
     provenance = versions(_hash_of(project)) | {"code_sha256": code_hash(WHOLE)}
-    finished = _finished(output, provenance, budget, minutes, seed, correct)
+    finished = _finished(output, provenance, minutes, seed, correct)
     if finished is not None:
         return finished
     _say_level(project, say)
@@ -281,7 +279,6 @@ def diagnose_file(
     diagnosis = diagnose(
         project,
         runs or output / RUNS,
-        budget=budget,
         minutes=minutes,
         seed=seed,
         correct=correct,
@@ -325,8 +322,7 @@ def _finished(output, provenance, *asked):
         return None
     before = known.get("provenance")
     same = isinstance(before, dict) and _decisive(before) == _decisive(provenance)
-    keys = "budget", "minutes", "seed", "corrected"
-    answered = tuple(known.get(key) for key in keys)
+    answered = known.get("minutes"), known.get("seed"), known.get("corrected", False)
     return known if same and answered == asked else None
 
 
@@ -459,7 +455,6 @@ def diagnose_case(
     out: str | Path | None = None,
     *,
     fresh: bool = False,
-    budget: int = BUDGET,
     minutes: float | None = None,
     seed: int = 1,
     correct: bool = False,
@@ -479,7 +474,7 @@ def diagnose_case(
         same input is read.
     fresh : bool
         Whether to run all models again.
-    budget, minutes
+    minutes
         As of `diagnose`.
     seed : int
         Of the draws without an effect.
@@ -512,12 +507,12 @@ def diagnose_case(
     if fresh:
         shutil.rmtree(out / RUNS, ignore_errors=True)
     for finished in [] if fresh else numbered_folders(out):
-        known = _finished(finished, provenance, budget, minutes, seed, correct)
+        known = _finished(finished, provenance, minutes, seed, correct)
         if known is not None:
             say(f"this diagnosis is finished: {finished}; --fresh repeats it")
             return known, finished
-    started = {"input_sha256": provenance["input_sha256"], "budget": budget,
-               "minutes": minutes, "seed": seed, "corrected": correct}  # fmt: skip
+    started = {"input_sha256": provenance["input_sha256"], "minutes": minutes,
+               "seed": seed, "corrected": correct}  # fmt: skip
 
     def unfinished(path: Path) -> bool:
         return _started(path) == started
@@ -527,7 +522,7 @@ def diagnose_case(
         write_summary(result / STARTED, started)
         try:
             summary = diagnose_file(
-                case, result, budget=budget, minutes=minutes, seed=seed, correct=correct,
+                case, result, minutes=minutes, seed=seed, correct=correct,
                 executor=executor, progress=progress,
                 known=lambda so_far: write_summary(
                     result / STARTED, started | {"known_so_far": so_far}
@@ -552,7 +547,7 @@ def _started(folder):
         table = json.loads((folder / STARTED).read_text(encoding="utf-8"))
     except (OSError, ValueError):
         return None
-    arguments = "input_sha256", "budget", "minutes", "seed", "corrected"
+    arguments = "input_sha256", "minutes", "seed", "corrected"
     return {k: table.get(k) for k in arguments} if isinstance(table, dict) else None
 
 

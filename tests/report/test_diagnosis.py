@@ -32,7 +32,7 @@ SLOW = Effect("clock_error", "R2", ((0.0,),))
 DELAYS = Effect("delay_scatter", "B1", ((0.0, 0.0, 0.0),))
 NOTES = {
     "case": "pit <3>", "runs": 11, "wall_s": 2.5, "kept_runs": 0, "kept_s": 0.0, "seed": 1,
-    "budget": 400, "finished": True, "provenance": {"pyblast": "0"},
+    "minutes_allowed": 4.0, "minutes_spent": 1.0, "finished": True, "provenance": {"pyblast": "0"},
 }  # fmt: skip
 
 

@@ -34,7 +34,7 @@ from pyblast.report.diagnosis_figures import drawn_planes, fault_outline
 
 NOTES = {
     "case": "pit", "runs": 11, "wall_s": 2.5, "kept_runs": 0, "kept_s": 0.0, "seed": 1,
-    "budget": 400, "finished": True, "provenance": {"pyblast": "0"},
+    "minutes_allowed": 4.0, "minutes_spent": 1.0, "finished": True, "provenance": {"pyblast": "0"},
 }  # fmt: skip
 BOX = np.array([[0.0, 100.0], [0.0, 80.0], [-60.0, 0.0]])
 
