@@ -221,9 +221,11 @@ class Scene:
                     self._refuse_dear(self.price(*key), 1)
                     projects[key] = self.project(*key)
         possible = [key for key, project in projects.items() if project is not None]
-        possible = [*known, *self._possible(possible, blasts, projects)]
-        self._impossible.update(key for key in keys if key not in possible)
-        return [self._gathered(key, blasts) if key in possible else None for key in keys]
+        together = 1 if self.simulation.executor is None else max(len(possible), 1)  # models held
+        for start in range(0, len(possible), together):
+            known += self._possible(possible[start : start + together], blasts, projects)
+        self._impossible.update(key for key in keys if key not in known)
+        return [self._gathered(key, blasts) if key in known else None for key in keys]
 
     def _possible(self, keys, blasts, projects):
         """Run states and return those that can be simulated; one by one if a run fails."""

@@ -139,7 +139,7 @@ class _Counts:
 
 
 def cost_of(model: Model, duration: float, dt: float | None = None) -> Cost:
-    """Return what a run of a model costs over a duration in s, at its own step or one of dt in s."""
+    """Return what a run of a model costs over a duration in s, at a given step or its own."""
     nodes, mesh = model.nodes, model.mesh
     n_steps = int(np.ceil(duration / (dt or time_step(model)[0])))
     count = np.bincount(mesh.zone_group, minlength=len(mesh.groups)) / len(mesh.zones)
