@@ -468,7 +468,7 @@ def diagnose_command(
     ] = None,
     minutes: Annotated[
         float | None,
-        typer.Option(min=0.0, help="Of a processor, after which no further effect is tried."),
+        typer.Option(help="Of a processor, after which no further effect is tried."),
     ] = None,
     workers: Annotated[
         int | None, typer.Option(min=1, help="Processes side by side [one for each core].")

@@ -106,7 +106,7 @@ def diagnose(
     Raises
     ------
     InputError
-        If the records cannot be compared.
+        If the records cannot be compared, or the minutes are negative.
     SolverError
         If a run of the reference fails.
 
@@ -115,6 +115,8 @@ def diagnose(
     What fails of the library costs itself: such effects are not testable. A part of the answer
     that fails is listed in ``not_computed``.
     """
+    if minutes is not None and minutes < 0.0:
+        raise InputError(f"--minutes: must not be negative, got {minutes:g}; give a time or none")
     report, began = progress or (lambda *_: None), time.perf_counter()
     report("mistakes in the records", 0, 1)
     failures, mistakes, checks = {}, [], []
