@@ -5,12 +5,13 @@ import re
 import warnings
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
 
+from ..blasts.blast import Blast
 from ..blasts.compliance import ComponentPeaks
 from ..blasts.hole_tables import read_blast
 from ..errors import InputError, ReadError
@@ -47,6 +48,8 @@ class LoggedBlast:
         Texts of the columns bench, explosive and delays, as far as the log has them.
     holes : str
         File of its hole table beside the log, or "".
+    plan : Blast or None
+        That table.
     """
 
     name: str
@@ -55,6 +58,11 @@ class LoggedBlast:
     charge: float
     practice: Mapping[str, str]
     holes: str = ""
+    plan: Blast | None = field(default=None, repr=False, compare=False)
+
+    def table(self) -> dict:
+        """Return the blast as plain values."""
+        return {key: value for key, value in vars(self).items() if key != "plan"}
 
     @property
     def has_clock(self) -> bool:
@@ -212,11 +220,18 @@ def read_peaks(path: Path, name: str) -> list[RecordPeaks]:
     ReadError, InputError
         With the reason where none can be joined to a blast.
     """
+    recordings, notes = read_quietly(path)
+    return [record_peaks(name, recording, notes) for recording in recordings]
+
+
+def read_quietly(path: Path) -> tuple[list[Recording], tuple[str, ...]]:
+    """Read the recordings of a file, with what the reader warns of."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         recordings = read_recording(path)
-    notes = tuple(str(note.message).removeprefix(f"{path}").lstrip(":, ") for note in caught)
-    return [record_peaks(name, recording, notes) for recording in recordings]
+    return recordings, tuple(
+        str(note.message).removeprefix(f"{path}").lstrip(":, ") for note in caught
+    )
 
 
 def read_log(path: Path, log: ReadLog | None = None) -> list[LoggedBlast]:
@@ -249,14 +264,17 @@ def read_log(path: Path, log: ReadLog | None = None) -> list[LoggedBlast]:
             raise InputError(
                 f"{table.where}, line {line}, charge: must be positive, got {charge:g}"
             )
+        plan = None
         if holes := _text(table, "holes", k):
-            blast = read_blast(Path(path).parent / holes, log=log)
-            charge = blast.charge_per_window() if math.isnan(charge) else charge
-            position = tuple(blast.centres.mean(axis=0)) if math.isnan(position[0]) else position
+            plan = read_blast(Path(path).parent / holes, log=log)
+            charge = plan.charge_per_window() if math.isnan(charge) else charge
+            position = tuple(plan.centres.mean(axis=0)) if math.isnan(position[0]) else position
         practice = {n: _text(table, n, k) for n in PRACTICE if n in table.values}
         name = _text(table, "name", k) or str(k + 1)
         blasts.append(
-            LoggedBlast(name, _instant(table.where, line, text), position, charge, practice, holes)
+            LoggedBlast(
+                name, _instant(table.where, line, text), position, charge, practice, holes, plan
+            )
         )
     _refuse_repeated(table.where, "blast", [blast.name for blast in blasts])
     return sorted(blasts, key=lambda blast: blast.time)
