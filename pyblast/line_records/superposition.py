@@ -36,7 +36,7 @@ class HoleMotion:
     since: int
 
 
-def superposed(site: Joined, holes: Mapping[int, Sequence[HoleMotion]]) -> np.ndarray:
+def sum_of_holes(site: Joined, holes: Mapping[int, Sequence[HoleMotion]]) -> np.ndarray:
     """Superpose the motion of single holes over each blast that has a hole table.
 
     Parameters

@@ -24,9 +24,10 @@ from .plots import (
 )
 
 SHOWN = 40  # records of the table on the page, the latest
+FILES = 6  # of which the page says what was read: log, stations, hole tables
 NAMED = 6  # refused files whose reasons the terminal shows
-WAYS = {
-    "law": "by the law", "superposition": "by superposition of recorded holes",
+METHODS = {
+    "law": "by the law", "superposition": "by superposed holes",
     "model": "by the model",
 }  # fmt: skip
 COLOURS = RECORDED, SIMULATED, "#0f766e", "#7c3aed", "#b45309", "#475569"
@@ -150,13 +151,13 @@ def _forecast_lines(summary):
     for row in summary["forecasts"]:
         planned.setdefault((row["blast"], row["station"]), []).append(row)
     for (blast, station), rows in planned.items():
-        each = "; ".join(f"{WAYS[row['way']]} {_band_words(row)}" for row in rows)
+        each = "; ".join(f"{METHODS[row['method']]} {_band_words(row)}" for row in rows)
         lines.append(f"forecast of {blast} at {station}: {each}")
-    for way, coverage in summary["coverage"].items():
+    for method, coverage in summary["coverage"].items():
         if coverage["forecasts"]:
             low, high = coverage["interval"]
             lines.append(
-                f"of {coverage['forecasts']} forecasts {WAYS[way]} from the blasts before alone, "
+                f"of {coverage['forecasts']} forecasts {METHODS[method]} from earlier blasts, "
                 f"{100 * coverage['inside'] / coverage['forecasts']:.3g} % ({100 * low:.3g} to "
                 f"{100 * high:.3g}) of the peaks came inside the 90 % band, a factor of "
                 f"{coverage['factor']:.2g} up and down"
@@ -233,7 +234,8 @@ def write_site_report(path: str | Path, summary: dict) -> None:
     over = any((row.get("share") or 0.0) > 1.0 or (row["air_share"] or 0.0) > 1.0
                for row in summary["records"])  # fmt: skip
     text = page("site.html").render(
-        s=summary, sections=_sections(summary), over=over, figures=_figures(summary), shown=SHOWN,
+        s=summary | {"inputs": summary["inputs"][:FILES]}, sections=_sections(summary), over=over,
+        figures=_figures(summary), shown=SHOWN, methods=METHODS, n_inputs=len(summary["inputs"]),
         curve=load_limits()[summary["limit_curve"]],
     )  # fmt: skip
     write_text(path, text)

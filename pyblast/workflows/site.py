@@ -30,7 +30,7 @@ from ..line_records.monitoring import (
     read_quietly,
     read_stations_of,
 )
-from ..line_records.superposition import HoleMotion, calibrated, superposed
+from ..line_records.superposition import HoleMotion, calibrated, sum_of_holes
 from ..readers.provenance import ReadLog
 from ..recordings.raw import decibels
 from ..report.site import write_site_report
@@ -102,7 +102,8 @@ def learn_site(
     site = joined(blasts, stations, records)
     if not site.records:
         reasons = [f"{file}: {reason}" for file, reason in [*site.unjoined, *skipped][:3]]
-        raise InputError(f"{folder}: no record belongs to a blast ({'; '.join(reasons)})")
+        why = "; ".join(reasons) or "it holds no record"
+        raise InputError(f"{folder}: no record belongs to a blast ({why})")
     rows = rows_of(site, limit_curve, air_limit)
     summary = plain({
         "folder": folder.resolve().name,
@@ -267,6 +268,10 @@ def law_of(site: Joined, exponent: float, quantity: str) -> dict:
     peak = np.where(below, trigger, peak)
     known = np.isfinite(peak) & np.isfinite(distance) & np.isfinite(charge) & (distance > 0.0)
     rows, fixed = (distance[known], charge[known], peak[known]), ""
+    if not known.any() and np.isfinite(peak).any():
+        known = {"places": site.distance, "charges": [blast.charge for blast in site.blasts]}
+        lacks = [what for what, values in known.items() if not np.isfinite(values).any()]
+        return {"refused": f"the log lacks {' and '.join(lacks) or 'places or charges'}"}
     try:
         law = fit_site_law(*rows, exponent, below[known])
     except InputError as error:
@@ -341,7 +346,7 @@ def _projects(folder: Path) -> list[str]:
 
 
 def _predicted(site: Joined, folder: Path, runs: list[dict]) -> dict[str, np.ndarray]:
-    """Return log10 of peaks and frequencies, (n_blasts, n_stations, 2), by other ways than a law.
+    """Return log10 of peaks and frequencies, (n_blasts, n_stations, 2), beside a law.
 
     By recorded holes: the blasts of the log whose table has one charge. By a model: the runs whose
     project reads the hole table of a blast, else those of one hole, superposed.
@@ -365,11 +370,11 @@ def _predicted(site: Joined, folder: Path, runs: list[dict]) -> dict[str, np.nda
             if path is not None and path.is_file():
                 hole = HoleMotion(read_quietly(path)[0][0].seismogram, charge, far, 0)
                 modelled.setdefault(s, []).append(hole)
-    ways = {
-        "superposition": superposed(site, recorded),
-        "model": np.where(np.isfinite(own), own, superposed(site, modelled)),
+    methods = {
+        "superposition": sum_of_holes(site, recorded),
+        "model": np.where(np.isfinite(own), own, sum_of_holes(site, modelled)),
     }
-    return {way: values for way, values in ways.items() if np.isfinite(values).any()}
+    return {method: values for method, values in methods.items() if np.isfinite(values).any()}
 
 
 def _digest(path: Path) -> str:
@@ -389,9 +394,9 @@ def _learned(site: Joined, curve: str, predicted: dict[str, np.ndarray]) -> dict
     features = site.values("features", len(FEATURES))
     residual = residuals(features, scaled, np.arctan2(away[..., 1], away[..., 0]))
     silent = np.where(site.silent, trigger, np.nan)
-    ways = {"law": (forecasts(peak, scaled, silent), forecasts(hz, scaled, prior=(0.0, 0.0)))}
-    for way, values in predicted.items():
-        ways[way] = (calibrated(peak, values[..., 0], silent), calibrated(hz, values[..., 1]))
+    methods = {"law": (forecasts(peak, scaled, silent), forecasts(hz, scaled, prior=(0.0, 0.0)))}
+    for method, values in predicted.items():
+        methods[method] = (calibrated(peak, values[..., 0], silent), calibrated(hz, values[..., 1]))
     last = max(b for b, _ in site.records)
     coming = [(b, s) for b in range(last + 1, len(site.blasts)) for s in range(len(site.stations))]
     return {
@@ -402,12 +407,13 @@ def _learned(site: Joined, curve: str, predicted: dict[str, np.ndarray]) -> dict
         ],
         "changes": [_change_row(site, change) for change in changes(residual)],
         "forecasts": [
-            {"way": way} | _forecast_row(site, *both, curve, b, s)
-            for b, s in coming for way, both in ways.items() if np.isfinite(both[0].mean[b, s])
+            {"method": method} | _forecast_row(site, *both, curve, b, s)
+            for b, s in coming for method, both in methods.items()
+            if np.isfinite(both[0].mean[b, s])
         ],
         "coverage": {
-            way: _coverage(peaks.inside(peak), peaks.half(BAND)[np.isfinite(peak)])
-            for way, (peaks, _) in ways.items()
+            method: _coverage(peaks.inside(peak), peaks.half(BAND)[np.isfinite(peak)])
+            for method, (peaks, _) in methods.items()
         },
         "model": _against(site, peak - predicted["model"][..., 0]) if "model" in predicted else [],
     }  # fmt: skip

@@ -7,7 +7,7 @@ from pyblast import Blast, Seismogram
 from pyblast.blasts.published_laws import HARD_ROCK
 from pyblast.line_records.forecasts import forecasts
 from pyblast.line_records.monitoring import Joined, LoggedBlast, Station
-from pyblast.line_records.superposition import HoleMotion, calibrated, superposed
+from pyblast.line_records.superposition import HoleMotion, calibrated, sum_of_holes
 
 RATE = 500
 TIME = np.arange(RATE) / RATE
@@ -51,7 +51,7 @@ def test_a_superposition_is_the_sum_of_its_holes():
     motion = Seismogram(pulse()[:, None] * [0.4, 1.0, 0.2], 1.0 / RATE)
     hole = HoleMotion(motion, 40.0, 400.0, 0)
 
-    values = superposed(site(plans), {0: [hole]})
+    values = sum_of_holes(site(plans), {0: [hole]})
 
     assert 10.0 ** values[0, 0, 0] == pytest.approx(summed(plans[0], draw, 0.0), rel=0.03)
     assert 10.0 ** values[1, 0, 0] == pytest.approx(summed(plans[1], draw, 0.0), rel=0.01)
@@ -67,8 +67,8 @@ def test_a_hole_forecasts_no_blast_before_it():
         for size, since in ((1.0, 1), (10.0, 3))
     )
 
-    peak = superposed(site(plans), {0: [weak, strong]})[:, 0, 0]
-    alone = superposed(site(plans), {0: [weak]})[:, 0, 0]
+    peak = sum_of_holes(site(plans), {0: [weak, strong]})[:, 0, 0]
+    alone = sum_of_holes(site(plans), {0: [weak]})[:, 0, 0]
 
     assert np.isnan(peak[0])
     assert np.array_equal(peak[1:3], alone[1:3])
@@ -86,7 +86,7 @@ def test_bands_by_superposition_hold_and_are_narrower_where_delays_vary():
         charge = np.log10([[each.charge_per_window()] for each in plans])
         law = forecasts(values, np.stack([np.full_like(values, 2.6), charge], axis=-1))
 
-        own = calibrated(values, superposed(site(plans), {0: [hole]})[..., 0])
+        own = calibrated(values, sum_of_holes(site(plans), {0: [hole]})[..., 0])
 
         inside.append(own.inside(values)[5:])
         narrower.append(np.nanmedian(own.half()) / np.nanmedian(law.half()))

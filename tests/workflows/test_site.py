@@ -103,6 +103,7 @@ def test_a_site_loads_nothing_of_the_solver_nor_the_slow_parts_of_scipy(quarry):
 def test_what_is_no_record_is_listed_with_its_reason(quarry):
     (quarry / "records" / "holiday.csv").write_text("a,b\n1,2\n")
     (quarry / "notes.md").write_text("nothing")
+    (quarry / "records" / "farm.txt").write_text("a text that no reader knows\n")
     (quarry / "<b>.csv").write_text("x\n")
 
     done = call("site", quarry)
@@ -112,6 +113,8 @@ def test_what_is_no_record_is_listed_with_its_reason(quarry):
                json.loads((quarry / "site" / "site.json").read_text())["skipped"]}  # fmt: skip
     assert skipped["notes.md"] == "is no record"
     assert "is none of" in skipped["records/holiday.csv"]
+    assert "is none of" in skipped["records/farm.txt"]
+    assert "records/farm.txt: is none of" in " ".join(done.output.split())
     assert "records/holiday.csv" in done.output
     assert "<b>.csv" not in (quarry / "site" / "report.html").read_text()
 
@@ -123,7 +126,7 @@ def test_what_is_no_record_is_listed_with_its_reason(quarry):
         (lambda folder: (folder / "blasts.txt").write_text("x"), "more than one of blasts.csv"),
         (lambda folder: (folder / "blasts.csv").write_text("blast,day\nS1,2\n"), "date"),
         (lambda folder: [p.unlink() for p in (folder / "records").iterdir()],
-         "no record belongs to a blast"),
+         "no record belongs to a blast (it holds no record)"),
     ],
 )  # fmt: skip
 def test_a_folder_that_is_no_site_ends_with_one_sentence_and_2(quarry, damage, message):
@@ -178,7 +181,7 @@ def test_one_vertical_channel_at_one_station_without_charges_is_still_compared(q
     summary = json.loads((quarry / "site" / "site.json").read_text())
     assert len(summary["records"]) == 24
     assert all(row["quantity"] == "vertical" for row in summary["records"])
-    assert "at least 6 are needed" in summary["law"]["refused"]
+    assert summary["law"]["refused"] == "the log lacks charges"
     assert summary["changes"] == summary["forecasts"] == []
 
 
@@ -241,13 +244,13 @@ def test_a_recorded_hole_forecasts_by_superposition_beside_the_law(quarry):
 
     assert done.exit_code == 0, done.output
     summary = json.loads((quarry / "site" / "site.json").read_text())
-    assert {row["way"] for row in summary["forecasts"]} == {"law", "superposition"}
+    assert {row["method"] for row in summary["forecasts"]} == {"law", "superposition"}
     counts = summary["coverage"]["superposition"]["forecasts"], len(summary["records"])
     assert 40 < counts[0] <= counts[1] - 3 * 7
     for row in summary["forecasts"]:
         assert row["band"][0] < row["median"] < row["band"][1]
         assert row["frequency_band"][0] < row["frequency"] < row["frequency_band"][1]
-    assert "by superposition of recorded holes" in done.output
+    assert "by superposed holes" in done.output
     assert summary["model"] == summary["projects"] == []
 
 
@@ -285,7 +288,7 @@ def test_runs_of_a_project_forecast_and_are_compared_blast_by_blast(quarry):
     for row in summary["model"]:
         assert row["median"] == pytest.approx(2.0)
         assert row["per_year"] == pytest.approx(1.0, abs=0.01)
-    (row,) = [row for row in summary["forecasts"] if row["way"] == "model"]
+    (row,) = [row for row in summary["forecasts"] if row["method"] == "model"]
     assert (row["station"], row["median"]) == ("farm", pytest.approx(2e-3))
     page = (quarry / "site" / "report.html").read_text()
     assert "pyblast diagnose quarry.toml, with records of blasts from B13 on" in page
