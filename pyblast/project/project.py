@@ -99,6 +99,8 @@ class Project:
     span : float, m, optional
         Longest path between sources and receivers that sets the edges, in place of that between
         those of the file.
+    uncut : bool
+        Whether the ground is refused where its mesh would need tetrahedra.
     meshes : dict
         Meshes of this project and of what `replace` makes of it, each built once; shared.
     log : ReadLog
@@ -113,6 +115,7 @@ class Project:
     fields: tuple = ()
     terrain: np.ndarray | None = None
     span: float | None = None
+    uncut: bool = False
     meshes: dict[tuple, Any] = field(default_factory=dict, repr=False)
     log: ReadLog = field(default_factory=ReadLog, repr=False)
 
@@ -236,7 +239,9 @@ class Project:
         if self.sized is not self.ground and self.dear is not None:
             raise InputError(f"{self.path.name}: mesh.minutes: {self.dear.text}")
         with named_error(self.path.name):
-            return mesh_ground(self.ground, self._places, self._top, self._model_on)
+            return mesh_ground(
+                self.ground, self._places, self._top, self._model_on, self.uncut
+            )
 
     @property
     def _places(self):

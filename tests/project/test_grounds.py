@@ -123,7 +123,8 @@ GROUNDS = {
         survey=hill((200, 90), 35.0, 60.0), force=(40, 40, 30), receiver=(150, 52),
     ),
     "slope oblique to the sides": dict(
-        size=(228, 194, 80), survey=hill((228, 194), 14.0, 40.0, 20.0), force=(40, 40, 30), receiver=(200, 150),
+        size=(228, 194, 80), survey=hill((228, 194), 14.0, 40.0, 20.0),
+        force=(40, 40, 30), receiver=(200, 150),
     ),
     "level set that comes out in a hill": dict(
         size=(200, 90, 60), sets=[joints(0, 0, 20.0)], survey=hill((200, 90), 20.0), **BELOW
