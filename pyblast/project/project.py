@@ -1,6 +1,7 @@
 """A project: everything that its file names, as objects in SI units, and variants of it."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from pathlib import Path
@@ -297,8 +298,11 @@ class Project:
         """
         fitted = sizes_for_band(self.ground, highest, accuracy)
         plain = self.config.mesh.model_copy(update={"near_source_work": fitted.near_source_work})
-        if fitted == plain or self.changed(mesh=fitted).meshed.mesh.hexahedral:
-            return fitted
+        if fitted == plain:
+            return plain
+        with suppress(InputError):  # edges of that size that don't build this ground
+            if self.changed(mesh=fitted).meshed.mesh.hexahedral:
+                return fitted
         return plain
 
     def refined(self, error: float = FINER_ERROR) -> MeshConfig | None:

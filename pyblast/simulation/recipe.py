@@ -44,6 +44,7 @@ FINER_ERROR = 0.2  # of the mesh that estimates this error, over that of fits
 LINEAR_EDGE = 0.6  # of linear zones where a law needs them, over that of quadratic ones
 FINER_EDGE = 0.63  # the same for edges of tetrahedra
 SOFT = 0.3  # S speed over that of the ground beneath: docs/quality/verification.md
+NARROWER = 0.7, 0.5, 0.35, 0.25  # width of zones that follow a surface, over that of others
 SHARP = 0.015  # of an edge: tolerance of tetrahedra where the usual one bends planes
 SHARPER = 0.25  # of that, where facets of a set that nearly meets a fault are still missing
 RELIEF = 0.5 * OF_WAVE  # of the shortest wavelength, of tetrahedra to a survey
@@ -500,8 +501,8 @@ def _soft_soil(ground):
 def _hexahedra(ground, stations, geometry, wave, uncut, lines=None):
     """Return a mesh of hexahedra: the first as asked for, of builders and orders by work.
 
-    Tetrahedra are cut into hexahedra where no other serves, then once more with half the edges, if
-    they may.
+    Where a surface alone is not as asked for, narrower zones follow it. Tetrahedra are cut into
+    hexahedra where no other serves, then once more with half the edges, if they may.
     """
     order, reasons = ground.mesh.order, {}
     lowest = stations.lowest_order
@@ -509,8 +510,8 @@ def _hexahedra(ground, stations, geometry, wave, uncut, lines=None):
     plain = mapped.is_plain(geometry)
     builders = {PLAIN: mapped.build_mapped} if plain else BUILDERS
 
-    def meshes(order, builders, factor=1.0):
-        sizes = factor * layer_sizes(ground, stations, order)
+    def meshes(order, builders, factor: float | tuple[float, float] = 1.0):
+        sizes = np.multiply(factor, layer_sizes(ground, stations, order))
         for how, build in builders.items():
             try:
                 with named_error("mesh"):
@@ -532,12 +533,21 @@ def _hexahedra(ground, stations, geometry, wave, uncut, lines=None):
             best = min(trials, key=lambda each: each[0])[2].order
             trials += meshes(max(lowest, best + (1 if best == max(ORDERS) else -1)), builders)
     trials.sort(key=lambda each: each[0])
+    rough = []  # orders of meshes whose surface alone is not as asked for
+    narrow = (
+        each
+        for factor in NARROWER
+        for first in rough[:1]
+        for each in meshes(first, builders, (factor, 1.0))
+    )
     cut = {CUT: subdivided.build_subdivided}
     factors = () if uncut else (1.0, 0.5)
     last = (each for factor in factors for each in meshes(order or ORDERS[0], cut, factor))
-    for _, how, mesh in chain(trials, last):
+    for _, how, mesh in chain(trials, narrow, last):
         rows = as_built(mesh, geometry, wave, stations.positions)
         wrong = differences(rows)
+        if all(row.good or row.name == "top" for row in rows):
+            rough.append(mesh.order)
         if not wrong:
             why = reasons if how == CUT else ()
             return Meshed(mesh, _sentence(mesh, how, why), rows, how == CUT)
