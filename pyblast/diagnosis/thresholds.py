@@ -171,8 +171,8 @@ MESH_CHANGE = _enter(
 )  # fmt: skip
 # Reported beside the answer
 RESOLVED = _enter(
-    "RESOLVED", 1.0, "longer side of the plan",
-    "Width of a located residual above which no place is reported", "assumed",
+    "RESOLVED", 0.25, "volume of the ground",
+    "Volume that holds a located residual with 90 %, above which no place is reported", "assumed",
 )  # fmt: skip
 FAR_FROM_PRIOR = _enter(
     "FAR_FROM_PRIOR", 2.5, SIGMA, "Calibrated value that hints at missing physics", "assumed"

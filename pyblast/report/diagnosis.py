@@ -16,7 +16,7 @@ from ..diagnosis.decision import (
 from ..diagnosis.fitting import Fit
 from ..diagnosis.hypotheses import LIBRARY
 from ..diagnosis.search import material, means
-from ..diagnosis.summary import acts, diagnosis_lines, holes_in_words, not_computed
+from ..diagnosis.summary import acts, diagnosis_lines, holes_in_words, not_computed, place_in_words
 from ..diagnosis.thresholds import (
     DECISIVE,
     ENERGY_SHARE,
@@ -39,6 +39,7 @@ from .diagnosis_figures import (
     holes_figure,
     maps_figure,
     ranking_figure,
+    rock_map,
     time_frequency_figure,
 )
 from .pages import page
@@ -88,7 +89,8 @@ def render_diagnosis(diagnosis: Diagnosed, summary: dict) -> str:
     lists = {"s": summary | {"assumed": [], "files_sha256": {}}, "far": FAR_FROM_PRIOR}
     with contained(failures, "page"):
         return page("diagnosis.html").render(
-            meanings=MEANINGS, failures=not_computed(failures), **lists, **parts
+            meanings=MEANINGS, place=place_in_words, failures=not_computed(failures), **lists,
+            **parts,
         )
     with contained(failures, "lines"):
         parts["lines"] = diagnosis_lines(summary)
@@ -118,6 +120,7 @@ def _parts(diagnosis, summary, failures):
     figures = {
         "maps": (
             lambda: _map_figures(diagnosis, summary),
+            lambda: _rock_maps(diagnosis, summary),
             lambda: _time_frequency(diagnosis, summary),
         ),
         "rank_figure": (lambda: _rank_figures(diagnosis, summary),),
@@ -273,10 +276,7 @@ def _near(located):
         return ""
     names = list(located["receivers"])
     (f0, f1), (t0, t1) = located["frequency_hz"], located["time_s"]
-    points = "".join(
-        f" near east {p['x']:.0f} m, north {p['y']:.0f} m (within {0.5 * p['resolution_m']:.0f} m)"
-        for p in located["points"]
-    )
+    points = "".join(f" near {place_in_words(point)}" for point in located["points"])
     seen = f", seen at {joined_by_and(names)}" if names else ", seen"
     return f"{points}{seen} at {f0:.3g} to {f1:.3g} Hz, {t0:.2g} to {t1:.2g} s after the first hole"
 
@@ -480,7 +480,7 @@ def _map_figures(diagnosis, summary) -> Iterator[Figure]:
     misfits = {title: means(fit.chi_square, 0) for title, fit in fits.items()}
     points, targets = _points(summary), _targets(diagnosis)
     diagnosed = _diagnosed(diagnosis)
-    depth = " Its depth is not resolved." if points else ""
+    depth = ""
     if case.project.config.mesh.faults:
         depth += " Of a joint, the line is its trace on the ground, the face what lies below."
     yield (
@@ -492,6 +492,23 @@ def _map_figures(diagnosis, summary) -> Iterator[Figure]:
             targets=targets, points=points, diagnosed=diagnosed,
         ),
     )  # fmt: skip
+
+
+def _rock_maps(diagnosis, summary) -> Iterator[Figure]:
+    """Draw where in the rock a change would explain what remains."""
+    look = summary[_located_by(summary)]
+    if look is None or look["cells"] is None:
+        return
+    where = f"Most like a change at {joined_by_and([place_in_words(p) for p in look['points']])}."
+    if not look["points"]:
+        where = "No place is told: none explains enough, or too much of the ground would do."
+    beside = " beside the answer" if _located_by(summary) == "remainder" else ""
+    yield (
+        "Where in the rock",
+        f"How well a soft or stiff body at each place explains the records{beside}: Δ ln evidence, "
+        f"which pays for its freedom. {where} Linear: a void shows too deep.",
+        lambda: rock_map(look["cells"], diagnosis.search.scene.case.project, look["points"]),
+    )
 
 
 def scene_of(diagnosis: Diagnosed, summary: dict) -> dict:
@@ -532,8 +549,13 @@ def _targets(diagnosis):
 
 def _points(summary):
     """Return where residuals are located that the answer does not explain."""
-    key = {"UNKNOWN": "located", "PARTIAL": "remainder"}.get(summary["outcome"])
-    return [] if key is None or summary[key] is None else summary[key]["points"]
+    located = summary[_located_by(summary)]
+    return [] if located is None else located["points"]
+
+
+def _located_by(summary):
+    """Return which residual is located: that without effects, or that beside the answer."""
+    return "located" if summary["outcome"] in ("UNKNOWN", "CLASS") else "remainder"
 
 
 def _diagnosed(diagnosis):

@@ -218,14 +218,15 @@ def test_what_is_left_beside_an_effect_is_said_with_its_place():
         found.decision.fit, chi_square=np.full_like(found.decision.fit.chi_square, REMAINS)
     )
     found = replace(found, decision=replace(found.decision, fit=left, explained_share=0.5))
-    point = {"x": 71.2, "y": 40.0, "coherence": 0.9, "resolution_m": 24.0}
+    point = {"x": 71.2, "y": 40.0, "z": -9.6, "within_m": 12.0, "joint": None}
     partial = summary | {
         "outcome": "PARTIAL",
         "remainder": summary["located"] | {"points": [point]},
     }
 
     said = lead(found, partial)
-    assert "But something else is missing near east 71 m, north 40 m (within 12 m), seen at" in said
+    place = "east 71 m, north 40 m, height -10 m (within 12 m)"
+    assert f"But something else is missing near {place}, seen at" in said
 
 
 @pytest.mark.parametrize(("outcome", "shown"), [("NAMED", 0), ("UNKNOWN", 1), ("NULL", 0)])
