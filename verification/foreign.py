@@ -24,9 +24,9 @@ import numpy as np
 
 from examples.case_folder import write_projects
 from pyblast.errors import contained
+from pyblast.files import write_text
 from pyblast.inference.records import band_functions
 from pyblast.project.project import load_project
-from pyblast.project.result import write_text
 from pyblast.recordings.recording import read_stations
 from pyblast.runs.parallel import workers
 from pyblast.workflows.diagnose import diagnose_file, predict_file

@@ -17,10 +17,9 @@ from pyblast.diagnosis.effects import (
 )
 from pyblast.diagnosis.forward import simulation_of
 from pyblast.diagnosis.hypotheses import blast_and_hole
+from pyblast.files import WHOLE, code_hash, plain
 from pyblast.model.model import Receiver
 from pyblast.project.project import Project, load_project, with_further
-from pyblast.project.result import plain
-from pyblast.runs.parallel import WHOLE, code_hash
 from pyblast.workflows.diagnose import diagnose
 
 from .case_files import read_asked

@@ -176,7 +176,7 @@ def check_command(
         console.show_inputs(loaded.log.table(), verbose)
         console.show_check(result)
         if page is not None:
-            from ..project.result import write_text
+            from ..files import write_text
             from ..report.view import ModelView
 
             write_text(page, ModelView(loaded).page(result))

@@ -458,9 +458,7 @@ class BoundariesConfig(Section):
         return self
 
 
-Stress = Annotated[
-    list[Annotated[float, Usual(-500.0, 500.0)]], Field(min_length=6, max_length=6)
-]
+Stress = Annotated[list[Annotated[float, Usual(-500.0, 500.0)]], Field(min_length=6, max_length=6)]
 
 
 class InSituConfig(Section):

@@ -46,7 +46,7 @@ class Forecasts:
 
     def inside(self, values: np.ndarray, share: float = BAND) -> np.ndarray:
         """Return whether log10 of the values lies in the central band, NaN where unknown."""
-        half = scipy.stats.t.ppf(0.5 + 0.5 * share, self.n_free) * self.spread
+        half = scipy.special.stdtrit(self.n_free, 0.5 + 0.5 * share) * self.spread
         away = np.abs(values - self.mean)
         return np.where(np.isfinite(away), away <= half, np.nan)
 
@@ -126,8 +126,8 @@ def share_interval(count: int, total: int, share: float = BAND) -> tuple[float, 
     [0.784, 0.997]
     """
     tail = 0.5 - 0.5 * share
-    low = scipy.stats.beta.ppf(tail, count, total - count + 1) if count else 0.0
-    high = scipy.stats.beta.ppf(1.0 - tail, count + 1, total - count) if count < total else 1.0
+    low = scipy.special.betaincinv(count, total - count + 1, tail) if count else 0.0
+    high = scipy.special.betaincinv(count + 1, total - count, 1.0 - tail) if count < total else 1.0
     return float(low), float(high)
 
 

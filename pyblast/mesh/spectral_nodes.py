@@ -166,7 +166,9 @@ def _numbered(mesh: Mesh) -> tuple:
     places = mesh.node_places.reshape(-1, 3)
     points = np.empty((count, 3))
     points[number[::-1]] = places[::-1]  # the first zone of a node places it
-    order = np.argsort(morton_keys(points), kind="stable")
+    along = np.argsort(morton_keys(mesh.node_places.mean(axis=1)), kind="stable")
+    met, first_met = np.unique(number.reshape(-1, size)[along].ravel(), return_index=True)
+    order = met[np.argsort(first_met)]
     rank = np.empty(count, dtype=np.int32)
     rank[order] = np.arange(count, dtype=np.int32)
     zone_nodes = rank[number].reshape(-1, size)

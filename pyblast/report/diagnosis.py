@@ -26,8 +26,8 @@ from ..diagnosis.thresholds import (
     MESH_SHARE,
 )
 from ..errors import contained
+from ..files import plain, write_text
 from ..ground.tables import quality_of
-from ..project.result import plain, write_text
 from ..units import FACTORS, plain_number
 from .diagnosis_figures import (
     BEFORE,

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import numpy as np
 
+from ..files import write_text
 from ..line_records.changes import WORDS
-from ..project.result import write_text
 from ..signals.comparison import load_limits
 from ..units import plain_number
 from .pages import page

@@ -63,9 +63,11 @@ def pack_arrays(
     brick = np.zeros(len(inverse), dtype=bool) if model.ground else _bricks(inverse)
     # Packs are of one form, stretched along the same axes, and of one group.
     kind = (layer @ [1, 2, 4] + 8 * brick) * len(mesh.groups) + mesh.zone_group
+    # Zones side by side in space lie side by side in memory, as their nodes do.
+    along = np.argsort(nodes.zone_nodes.mean(axis=1), kind="stable")
     packs, n_mapped = [], 0
     for number in np.unique(kind):
-        zones = np.flatnonzero(kind == number)
+        zones = along[kind[along] == number]
         packs += [zones[k : k + width] for k in range(0, len(zones), width)]
         n_mapped = n_mapped if brick[zones[0]] else len(packs)
     member = np.array([np.resize(zones, width) for zones in packs])

@@ -24,17 +24,15 @@ from ..diagnosis.mistakes import mistakes_of
 from ..diagnosis.search import Search, search
 from ..diagnosis.summary import held_out_blasts, known_so_far, not_computed, summarise_diagnosis
 from ..errors import InputError, ReadError, contained
+from ..files import WHOLE, code_hash, plain, versions, write_bytes, write_summary
 from ..project.level import expected_peaks, level_findings
 from ..project.places import extent_of
 from ..project.project import Project, load_project, with_further
-from ..project.result import plain, write_bytes, write_summary
 from ..recordings.seismic import channel_names, mseed_bytes
 from ..report.diagnosis import write_diagnosis_report
-from ..runs.parallel import WHOLE, code_hash
 from ..signals.seismogram import Seismogram
 from ..simulation.recipe import BETTER
 from ..simulation.simulation import Simulation
-from ..solver.preparation import versions
 from . import Interrupted, Progress, Say, numbered_folders, result_folder, silent
 
 RESULT = "diagnosis.json"

@@ -14,6 +14,7 @@ from ..blasts.peaks import LEVEL
 from ..blasts.published_laws import HARD_ROCK
 from ..blasts.site_law import fit_site_law, site_law_of_exponent
 from ..errors import InputError, PyblastError, ReadError
+from ..files import code_hash, plain, versions, write_summary, write_text
 from ..line_records.changes import StepChange, changes, residuals
 from ..line_records.field_records import NOT_RECORDS
 from ..line_records.forecasts import BAND, StatisticalLimit, forecasts, share_interval
@@ -26,13 +27,10 @@ from ..line_records.monitoring import (
     read_peaks,
     read_stations_of,
 )
-from ..project.result import plain, write_summary, write_text
 from ..readers.provenance import ReadLog
 from ..recordings.raw import decibels
 from ..report.site import write_site_report
-from ..runs.parallel import code_hash
 from ..signals.comparison import load_limits
-from ..solver.preparation import versions
 from . import Progress, csv_table, silent, write_tables
 
 OUT, RESULT, REPORT, STORE = "site", "site.json", "report.html", "parsed.json"

@@ -7,7 +7,7 @@ from small_project import INSIDE, written
 
 from pyblast import diagnose
 from pyblast.errors import InputError
-from pyblast.solver.preparation import versions
+from pyblast.files import versions
 
 MODULE = "pyblast.workflows.diagnose"
 

@@ -2,6 +2,8 @@
 
 import csv
 import json
+import subprocess
+import sys
 from pathlib import Path
 from shutil import copytree
 
@@ -80,6 +82,21 @@ def test_what_was_parsed_is_kept_and_a_new_file_alone_is_parsed(quarry, monkeypa
     (quarry / "site" / "parsed.json").write_text('{"code": 1, "files": [')
     assert learn_site(quarry)[0]["records"] == again["records"]
     assert len(parsed) == 73
+
+
+def test_a_site_loads_nothing_of_the_solver_nor_the_slow_parts_of_scipy(quarry):
+    code = (
+        "import sys; from pyblast.workflows.site import learn_site; learn_site(sys.argv[1]); "
+        "print(*sys.modules)"
+    )
+
+    done = subprocess.run([sys.executable, "-c", code, quarry], check=True, capture_output=True)
+
+    loaded = set(done.stdout.decode().split())
+    assert "pyblast.line_records.changes" in loaded
+    heavy = ("mesh", "model", "solver", "runs", "config", "project", "inference", "diagnosis")
+    assert not loaded & {f"pyblast.{name}" for name in heavy}
+    assert not loaded & {"scipy.stats", "scipy.optimize", "scipy.signal", "pydantic", "h5py"}
 
 
 def test_what_is_no_record_is_listed_with_its_reason(quarry):
