@@ -7,6 +7,7 @@ import numpy as np
 
 from ..errors import contained
 from ..inference.location import located
+from ..inference.moveout import growth, moveout, polarised_shares
 from ..inference.records import COMPONENTS
 from .calibration import Baseline, like_taught
 from .case import Case, case_of
@@ -27,6 +28,8 @@ WINDOW = 0.8  # share of the energy of a residual that lies in its windows
 IN_ROCK, ON_JOINT = 0.3, 1.0  # prior standard deviations of logarithms, in rock and on joints
 PROPERTIES = ("cp", "cs", "density")
 HALF_DIAGONAL = 0.87  # of a cube, over its edge
+ELSEWHERE = ("candidate", "side", "source_function")  # of lists, bodies and hammers
+IMPOSSIBLE = "it is impossible at this site, or changes no record"
 LOCATION = "location of the residual"  # a part of a diagnosis that may fail
 SILENT = 0.5  # of what the charge of a hole should radiate; below it a misfire is suspected
 
@@ -53,13 +56,13 @@ def summarise_diagnosis(
         if search.scores is not None and decision.outcome in ("NULL", "NAMED", "COMPOSITE"):
             limits = detection_limits(search.scores, fit.labels)
     with contained(scene.failures, "look of the residual"):
-        before = residual_of(baseline, without.motion, without.chi_square)
-        remainder = residual_of(baseline, fit.motion, fit.chi_square)
+        before = remainder = residual_of(baseline, without.motion, without.chi_square)
+        if fit is not without:
+            remainder = residual_of(baseline, fit.motion, fit.chi_square)
     if search.scores is not None and decision.outcome not in ("NULL", "MISTAKE"):
         with contained(scene.failures, LOCATION):
-            for look, each in ((before, without), (remainder, fit)):
-                if look is not None:
-                    look["points"], look["cells"] = points_of(search, each)
+            for look, each in ((before, without), (remainder, fit))[: 1 + (fit is not without)]:
+                look["points"], look["cells"] = points_of(search, each)
     return {
         "outcome": decision.outcome,
         "mistakes": [mistake.row() for mistake in mistakes],
@@ -108,6 +111,18 @@ def not_computed(failures: Mapping) -> list[dict]:
     return [{"part": k, "reason": v} for k, v in failures.items() if isinstance(k, str)]
 
 
+def not_asked(summary: Mapping) -> dict[str, str]:
+    """Return the labels of which nothing was asked although the site may have them, by reason.
+
+    Those that are impossible at the site, or belong to sites of another kind, are left out.
+    """
+    rows = summary["not_testable"]
+    return {
+        row["label"]: row["reason"] for row in rows
+        if not row["targets"] and row["reason"] != IMPOSSIBLE and row["label"] not in ELSEWHERE
+    }  # fmt: skip
+
+
 def known_so_far(search: Search) -> dict:
     """Return what an unfinished search knows: fits, scores, what could not be tested."""
     return {
@@ -145,6 +160,8 @@ def _clipped(case):
 def diagnosis_lines(summary: Mapping) -> list[str]:
     """Return the outcome of ``diagnosis.json`` and its basis in a few lines of text."""
     lines = [f"outcome: {summary['outcome']}"]
+    if summary["outcome"] == "UNKNOWN":
+        lines += [f"  not asked: {label}: {why}" for label, why in not_asked(summary).items()]
     lines += [f"  {act}" for act in acts(summary)]
     for effect in summary["effects"]:
         targets = effect["target"] if isinstance(effect["target"], list) else [effect["target"]]
@@ -201,6 +218,7 @@ def _evidence(search, decision):
             "nuisances": scores.at.nuisance,
         },
         "explained_share": round(decision.explained_share, 3),
+        "open_set": None if decision.open_set is None else round(decision.open_set, 2),
         "ranking": _ranking(search),
         "contradicted": [
             {"label": label, "score": round(float(score), 1), "gained": round(float(gained), 1)}
@@ -360,7 +378,7 @@ def _not_scored(search, label):
     if label in scored.union(*(fit.labels for fit in search.fits)):
         return ""
     ended = "the budget of runs ended before it was tried"
-    return "it is impossible at this site, or changes no record" if search.finished else ended
+    return IMPOSSIBLE if search.finished else ended
 
 
 def _next_measurement(search, decision, remainder):
@@ -390,6 +408,10 @@ def _measurement(search, decision, remainder):
     labels = decision.rivals or paying
     advice = [h.decided_by for h in LIBRARY.values() if h.label in labels and h.decided_by]
     advice += [RESOLUTION_DECIDED_BY] if RESOLUTION in labels else []
+    if decision.outcome == "UNKNOWN":
+        asked = not_asked({"not_testable": _not_testable(search)})
+        advice += [h.decided_by for h in LIBRARY.values() if h.label in asked and h.decided_by]
+        advice.append(_more_receivers(remainder))
     return "; ".join(dict.fromkeys(advice)) or _more_receivers(remainder)
 
 
@@ -429,7 +451,8 @@ def residual_of(baseline: Baseline, motion, chi_square) -> dict:
         ``largest_chi_square`` of a receiver or blast; ``receivers`` with a mean chi-square of at
         least `MATERIAL`, ``blasts``; ``components`` by share of energy; ``time_s`` and
         ``frequency_hz``, windows of 80 % of the energy; ``points`` and
-        ``cells``, as of `points_of`, which are not yet known.
+        ``cells``, as of `points_of`, which are not yet known; ``moveout``, ``polarisation`` and
+        ``growth``, of the blast with the largest chi-square and of all blasts.
     """
     case = baseline.case
     band = case.band
@@ -457,7 +480,37 @@ def residual_of(baseline: Baseline, motion, chi_square) -> dict:
         "frequency_hz": _window(frequency, spectrum),
         "points": [],
         "cells": None,
+        **_shown(case, band.restore(residual), by_blast),
     }  # fmt: skip
+
+
+def _shown(case, residual, by_blast):
+    """Return what a residual in the band shows by itself: its moveout, polarisation and growth."""
+    project, b = case.project, int(np.argmax(by_blast))
+    stations = {receiver.name: receiver for receiver in project.receivers}
+    own = [stations[name] for name in case.receivers]
+    places = np.array([receiver.position for receiver in own], dtype=float)
+    blast = project.blasts[case.blasts[b]]
+    away = places - blast.centres.mean(axis=0)
+    turned = np.array([
+        part if receiver.azimuth is None else _geographic(part, receiver.azimuth)
+        for part, receiver in zip(residual[b], own, strict=True)
+    ])  # fmt: skip
+    recorded = case.band.project(case.residual(0.0))
+    share = np.sqrt(np.sum(residual**2, axis=(1, 2, 3)) / np.sum(recorded**2, axis=(1, 2, 3)))
+    charge = np.array([np.nansum(project.blasts[name].charge) for name in case.blasts])
+    return {
+        "moveout": moveout(residual[b], case.dt, places, blast.centres.mean(axis=0)),
+        "polarisation": polarised_shares(turned, np.arctan2(away[:, 0], away[:, 1])),
+        "growth": growth(share, charge),
+    }
+
+
+def _geographic(motion, azimuth):
+    """Return motion (3, n) along and across an azimuth in rad, and up, as east, north, up."""
+    sine, cosine = np.sin(azimuth), np.cos(azimuth)
+    along, across, up = motion
+    return np.array([sine * along + cosine * across, cosine * along - sine * across, up])
 
 
 def _window(axis, energy):
@@ -503,12 +556,12 @@ def points_of(search: Search, fit: Fit) -> tuple[list[dict], dict | None]:
     if body.score < scores.threshold or share > RESOLVED:
         return [], cells
     reach = max(reach, HALF_DIAGONAL * rock.sizes[body.best] ** (1.0 / 3.0))
-    place, within, on = rock.centres[body.best], max(body.within, reach), None
+    position, within, on = rock.centres[body.best], max(body.within, reach), None
     patch = located(error, joints, residual, ON_JOINT) if len(joints.sizes) else None
     if patch is not None and patch.log_bayes.max() > body.log_bayes.max():
-        place, on = joints.centres[patch.best], joints.names[patch.best]
+        position, on = joints.centres[patch.best], joints.names[patch.best]
         within = max(patch.within, reach)
-    x, y, z, *further = (_rounded(v, 1e3, 3) for v in (*place, within, body.volume))
+    x, y, z, *further = (_rounded(v, 1e3, 3) for v in (*position, within, body.volume))
     change = dict(zip(PROPERTIES, np.round(body.strength[body.best], 3).tolist(), strict=True))
     return [
         {"x": x, "y": y, "z": z, "within_m": further[0], "volume_m3": further[1],

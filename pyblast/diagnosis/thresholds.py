@@ -165,6 +165,11 @@ REMAINS = _enter(
     "Mean of a receiver or a blast above which something else is missing",
     f"{RIGHT}: 0.9 to 1.9 in the worst blast, below 3 at each receiver",
 )  # fmt: skip
+OPEN_SET = _enter(
+    "OPEN_SET", 0.3, "Δ ln evidence of sources anywhere",
+    "Evidence of the best effects below which their cause is outside of the library",
+    "sites 07 (named: 0.8) and 10 (a void: 0.02); drawn cases of six classes: none of the library",
+)  # fmt: skip
 MESH_CHANGE = _enter(
     "MESH_CHANGE", 1.0, CHI_SQUARE, "Change by a finer mesh above which an answer is corrected",
     "a blind case with a missing joint, changed by 1.4",

@@ -114,7 +114,7 @@ def located(error: ErrorModel, places: Places, residual: np.ndarray, prior: floa
 
     Notes
     -----
-    Theory.md (14.18).
+    Theory.md (14.14).
     """
     bayes, strength = [], []
     for first in range(0, len(places.shapes), TOGETHER):
@@ -144,7 +144,7 @@ def unrestricted(
 
     Notes
     -----
-    Theory.md (14.19). One variance is common to all cells, and averaged over `FREE`.
+    Theory.md (14.15). One variance is common to all cells, and averaged over `FREE`.
     """
     rows = np.concatenate([
         scale * places.shapes.reshape(-1, *residual.shape) for places, scale in everywhere
