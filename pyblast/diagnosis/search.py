@@ -27,8 +27,6 @@ class Search:
     Parameters
     ----------
     scene : Scene
-    limit : int
-        Number of runs after which no further effect is tried.
     progress : callable
         Called with (stage, done, total).
     without_effects : Fit
@@ -49,7 +47,6 @@ class Search:
     """
 
     scene: Scene
-    limit: int
     progress: Callable
     without_effects: Fit
     fits: list[Fit] = field(default_factory=list)
@@ -115,8 +112,9 @@ class Search:
 
     def runs_left(self) -> bool:
         """Tell whether the budget allows more runs."""
-        self.finished = self.finished and self.scene.simulation.runs < self.limit
-        return self.scene.simulation.runs < self.limit
+        more = self.scene.spent < self.scene.budget
+        self.finished = self.finished and more
+        return more
 
     def _lead(self, best, other):
         """Return the log Bayes factor between two fits."""
@@ -125,7 +123,6 @@ class Search:
 
 def search(
     scene: Scene,
-    limit: int,
     progress: Callable = lambda *_: None,
     known: Callable[[Search], object] = lambda _: None,
     seed: int = 1,
@@ -138,8 +135,7 @@ def search(
     Parameters
     ----------
     scene : Scene
-    limit : int
-        Number of runs after which no further effect is tried.
+        With the budget after which no further effect is tried.
     progress : callable, optional
         Called with (stage, done, total).
     known : callable, optional
@@ -158,7 +154,7 @@ def search(
         known(state)
         progress(*step)
 
-    state = Search(scene, limit, report, chosen, chosen=chosen)
+    state = Search(scene, report, chosen, chosen=chosen)
     testable = any(not hypothesis.untestable(scene.case) for hypothesis in LIBRARY.values())
     return _scored(state, seed) if testable else state
 
