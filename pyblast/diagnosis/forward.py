@@ -17,6 +17,7 @@ from ..project.places import on_ground, refuse_outside
 from ..project.project import Project
 from ..runs.bank import bank_of
 from ..runs.secondary_sources import by_joint, by_rock
+from ..simulation.estimate import cost_of
 from ..simulation.simulation import Simulation
 from .case import Case
 from .trusted_shots import with_source
@@ -230,6 +231,7 @@ def secondary_places(
         progress=progress,
     )  # fmt: skip
     simulation.runs += bank.runs
+    simulation.priced += bank.runs * cost_of(models[0], simulation.duration).seconds
     times = [each.lead + case.dt * np.arange(case.n_samples) for each in own]
     back = [bank.transform.back(each) for each in times]
     rock, joints = by_rock(bank), by_joint(bank, 2.0 * quarter_wave(project, case))
