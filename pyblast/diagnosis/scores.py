@@ -399,6 +399,16 @@ class SiteScores:
         ]
         return max(pairs, key=lambda pair: pair[0], default=(None, None))[1]
 
+    def other_forms(self, effect: Effect, fit: Fit) -> list[tuple[Effect, float]]:
+        """Return where to fit the other forms of an effect on the site, best first, with scores."""
+        forms = [
+            hypothesis for hypothesis in dict.fromkeys(each.hypothesis for each in self.members)
+            if hypothesis.label == effect.label and hypothesis.on == "site"
+            and hypothesis is not effect.hypothesis
+        ]  # fmt: skip
+        pairs = [pair for form in forms for pair in self.starts(form, fit).values()]
+        return sorted(pairs, key=lambda pair: -pair[1])
+
     def starts(self, hypothesis: Hypothesis, fit: Fit) -> dict[str, tuple[Effect, float]]:
         """Return where to fit a hypothesis at each target, the best of its starts, and its score.
 
