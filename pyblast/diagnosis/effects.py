@@ -15,6 +15,7 @@ from ..blasts.hole_effects import HoleChange, together
 from ..errors import InputError, contained
 from ..ground.tables import quality_of
 from ..inference.error_model import ErrorModel
+from ..inference.location import Places
 from ..inference.parameter import Parameter, set_all
 from ..inference.variation import (
     Charges,
@@ -33,7 +34,14 @@ from . import library  # noqa: F401  fills the library
 from .calibration import Baseline, attenuated
 from .case import Case
 from .error import VARIED, learned_error, with_calibrated
-from .forward import Surroundings, holds, hole_motion, simulation_of, surroundings
+from .forward import (
+    Surroundings,
+    holds,
+    hole_motion,
+    secondary_places,
+    simulation_of,
+    surroundings,
+)
 from .hypotheses import (
     FAMILIES,
     LIBRARY,
@@ -147,6 +155,11 @@ class Scene:
     def surroundings(self) -> Surroundings:
         """Motion around the receivers in the calibrated ground, by one run of each blast."""
         return surroundings(self.simulation, self.case, self.baseline.project)
+
+    @cached_property
+    def secondary_places(self) -> tuple[Places, Places]:
+        """Cells of the rock and patches of the joints of the calibrated ground, with changes."""
+        return secondary_places(self.simulation, self.case, self.baseline.project)
 
     @cached_property
     def varied(self) -> Varying | None:
