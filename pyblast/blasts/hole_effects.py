@@ -14,6 +14,7 @@ REACH = 7.0  # m from a hole, to which it damages the rock
 BROKEN = 4e-3, 8e-3  # s before a hole fires: rock is damaged, ground on the way is broken
 ALONG = 80.0, 0.5  # m of a path that may lie in broken ground, and the step along it
 LATE = 0.2  # s
+HARDLY = "hardly varies"  # said of a covariate that can't explain anything here
 KERNELS = "scale", "delay", "loss", "duration"
 
 
@@ -264,7 +265,7 @@ class HoleEffect(NamedTuple):
         if spread >= self.least:
             return ""
         return (
-            f"{self.meaning} hardly varies (standard deviation {spread:.2g}{self.unit}; "
+            f"{self.meaning} {HARDLY} (standard deviation {spread:.2g}{self.unit}; "
             f"{self.least:g}{self.unit} are needed): {self.remedy}"
         )
 

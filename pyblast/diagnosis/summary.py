@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from ..blasts.hole_effects import HARDLY
 from ..errors import contained
 from ..inference.location import located
 from ..inference.moveout import growth, moveout, polarised_shares
@@ -125,12 +126,14 @@ def not_computed(failures: Mapping) -> list[dict]:
 def not_asked(summary: Mapping) -> dict[str, str]:
     """Return the labels of which nothing was asked although the site may have them, by reason.
 
-    Those that are impossible at the site, or belong to sites of another kind, are left out.
+    Those that are impossible at the site, belong to sites of another kind or change all holes
+    alike are left out.
     """
     rows = summary["not_testable"]
     return {
         row["label"]: row["reason"] for row in rows
         if not row["targets"] and row["reason"] != IMPOSSIBLE and row["label"] not in ELSEWHERE
+        and HARDLY not in row["reason"]
     }  # fmt: skip
 
 
