@@ -384,3 +384,17 @@ def test_the_best_of_cells_behind_one_another_is_shown_in_plan_and_in_section():
     ends = [(each["x"]["label"], each["y"]["label"]) for each in (plan, section)]
     assert ends == [("east [m]", "north [m]"), ("east [m]", "height [m]")]
     assert (section["marks"][-1]["x"], section["marks"][-1]["y"]) == ([10.0], [-25.0])
+
+
+@pytest.mark.parametrize("points", [0, 1])
+def test_a_map_of_the_rock_says_where_or_that_no_place_is_given(points):
+    found, summary = made("UNKNOWN")
+    point = {"x": 71.2, "y": 40.0, "z": -9.6, "within_m": 12.0, "joint": "J1"}
+    cells = {"x": [10.0, 50.0], "y": [20.0, 20.0], "z": [-5.0, -5.0], "score": [4.0, 60.0]}
+    look = summary["located"] | {"points": [point][:points], "cells": cells}
+
+    shown = render_diagnosis(found, summary | {"located": look})
+
+    assert "Where in the rock" in shown
+    assert ("on joint J1 (within 12 m)" in shown) == bool(points)
+    assert ("No place is given" in shown) != bool(points)
