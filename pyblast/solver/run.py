@@ -251,7 +251,8 @@ class _Integration:
             return
         velocity = self._velocity()
         if len(self.peak):
-            np.maximum(self.peak, np.linalg.norm(velocity, axis=1), out=self.peak)
+            x, y, z = velocity.T
+            np.maximum(self.peak, np.sqrt(x * x + y * y + z * z), out=self.peak)
         if self.observer is not None:
             self.observer.sample(self.step, self.state, velocity)
 
