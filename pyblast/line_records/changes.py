@@ -255,20 +255,20 @@ def _moments(values, length):
     """
     at, count = np.arange(len(values)), len(values)
     shape = (-1, *(1,) * (values.ndim - 1))
-    place, ends = at.reshape(shape), np.minimum(at + length, count)
+    position, ends = at.reshape(shape), np.minimum(at + length, count)
 
     def between(part, first, last):
         total = np.concatenate([np.zeros_like(part[:1]), np.cumsum(part, axis=0)])
         return total[last] - total[first]
 
-    zeroth, first, second = (between(values * place**k, at, ends) for k in range(3))
+    zeroth, first, second = (between(values * position**k, at, ends) for k in range(3))
     scale = 1.0 / max(length, 1)
     last = np.minimum(ends + REACH, count)
     after = between(values, ends, last)
     return (
         between(values, np.maximum(at - REACH, 0), last),
-        scale * (first - place * zeroth) + after,
-        scale**2 * (second - 2 * place * first + place**2 * zeroth) + after,
+        scale * (first - position * zeroth) + after,
+        scale**2 * (second - 2 * position * first + position**2 * zeroth) + after,
     )
 
 
@@ -372,17 +372,17 @@ def _with_drifts(scan, rest, steps):
             drift = _next(scan, without, LENGTHS[1:])
             if drift is None or not _alike(first, drift, before=max(LENGTHS)):
                 continue
-            left = without - _shape(drift, rest.shape)
-            gain = scan.misfit(rest) - scan.misfit(left)
+            residual = without - _shape(drift, rest.shape)
+            gain = scan.misfit(rest) - scan.misfit(residual)
             if gain + (count - 1) * scan.price(first) > DRIFT:
                 result = [change for change in result if change not in group]
                 result.append(drift)
-                rest = left
+                rest = residual
     return result
 
 
 def _alike(first, other, before=0):
-    """Return whether a change is of the kind, place and direction of an earlier one."""
+    """Return whether a change is of the kind, station and direction of an earlier one."""
     return (
         first.station == other.station and first.kinds[0] == other.kinds[0]
         and -before <= other.blast - first.blast <= max(LENGTHS)
