@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from ..blasts.blast import CHARGE_WINDOW, Blast
-from ..blasts.peaks import LEVEL
+from ..blasts.peaks import LEVEL, DrawnPeaks
 from ..blasts.signature import travel_shifts
 from ..config.config import DelaysConfig
 from ..errors import InputError, named_error
@@ -331,6 +331,12 @@ def _level_errors(project):
     ]  # fmt: skip
 
 
+def _width(peaks: DrawnPeaks) -> float:
+    """Return the upper over the lower end of the 90 % band, the median of the houses."""
+    low, high = peaks.band(0.9)
+    return float(np.median(high / low))
+
+
 def summarise_delays(project: Project, plan: DelayPlan, pattern: np.ndarray) -> dict:
     """Return the plain numbers of a delay plan; ``pattern`` (n_holes, 2) delays before a hole."""
     (table, blast), gained = _settings(project), plan.gain
@@ -387,6 +393,10 @@ def summarise_delays(project: Project, plan: DelayPlan, pattern: np.ndarray) -> 
             }
             for k, house in enumerate(table.houses)
         ],
+        "variation": {
+            "charge_percent": table.charge_percent,
+            "band_90": _width(plan.after), "band_90_without": _width(plan.alike),
+        },
         "tried": plan.best.tried,
         "files_sha256": files,
         "provenance": versions(input_hash("delays", files)),
