@@ -163,6 +163,11 @@ def diagnosis_lines(summary: Mapping) -> list[str]:
     if summary["outcome"] == "UNKNOWN":
         lines += [f"  not asked: {label}: {why}" for label, why in not_asked(summary).items()]
     lines += [f"  {act}" for act in acts(summary)]
+    located = summary[residual_shown(summary)]
+    if located is not None:
+        lines += [
+            f"  most like a change at {place_in_words(each)}" for each in located["points"]
+        ]
     for effect in summary["effects"]:
         targets = effect["target"] if isinstance(effect["target"], list) else [effect["target"]]
         where = f" at {', '.join(targets)}" if any(targets) else ""
@@ -188,6 +193,11 @@ def diagnosis_lines(summary: Mapping) -> list[str]:
     if not summary["finished"]:
         lines.append("  the budget ended before all effects were tried")
     return [*lines, f"  next: {summary['next_measurement']}"]
+
+
+def residual_shown(summary: Mapping) -> str:
+    """Return the key of the residual whose place matters: without effects, or beside the answer."""
+    return "located" if summary["outcome"] in ("UNKNOWN", "CLASS") else "remainder"
 
 
 def acts(summary: Mapping) -> list[str]:
