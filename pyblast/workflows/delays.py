@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from ..blasts.blast import CHARGE_WINDOW, Blast
-from ..blasts.peaks import LEVEL, DrawnPeaks
+from ..blasts.peaks import LEVEL
 from ..blasts.signature import travel_shifts
 from ..config.config import DelaysConfig
 from ..errors import InputError, named_error
@@ -331,10 +331,14 @@ def _level_errors(project):
     ]  # fmt: skip
 
 
-def _width(peaks: DrawnPeaks) -> float:
-    """Return the upper over the lower end of the 90 % band, the median of the houses."""
-    low, high = peaks.band(0.9)
-    return float(np.median(high / low))
+def _variation(table, plan):
+    """Return how much holes vary, and the width of the 90 % band with and without, of the best.
+
+    The width is the upper over the lower end, the median of the houses.
+    """
+    pairs = {"band_90": plan.after.band(0.9), "band_90_without": plan.alike.band(0.9)}
+    widths = {name: float(np.median(high / low)) for name, (low, high) in pairs.items()}
+    return {"charge_percent": table.charge_percent, **widths}
 
 
 def summarise_delays(project: Project, plan: DelayPlan, pattern: np.ndarray) -> dict:
@@ -393,10 +397,7 @@ def summarise_delays(project: Project, plan: DelayPlan, pattern: np.ndarray) -> 
             }
             for k, house in enumerate(table.houses)
         ],
-        "variation": {
-            "charge_percent": table.charge_percent,
-            "band_90": _width(plan.after), "band_90_without": _width(plan.alike),
-        },
+        "variation": _variation(table, plan),
         "tried": plan.best.tried,
         "files_sha256": files,
         "provenance": versions(input_hash("delays", files)),
