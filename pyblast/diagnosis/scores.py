@@ -230,7 +230,7 @@ def _cheapest_first(scene, rows):
 
 def _change_without_runs(scene, trial):
     """Return the changes by effects on holes or motion, in the band; None if one fails."""
-    motion, changes = scene.baseline.motion, []
+    motion, changes = scene.baseline.motion + scene.unplanned, []
     for effect in trial.effects:
         with scene.contained((effect,)):
             changes.append(scene.seen(scene.received(motion, (effect,)) - motion))
@@ -378,7 +378,7 @@ class SiteScores:
     def prior(self) -> np.ndarray:
         """Records less the prediction of the calibrated site, at the prior."""
         baseline = self.scene.baseline
-        return self.residual(baseline.motion, baseline.values)
+        return self.residual(baseline.motion + self.scene.unplanned, baseline.values)
 
     def _members_beside(self, fit):
         """Return the log Bayes factor (n_members, 1) of each member beside a fit."""
@@ -398,6 +398,16 @@ class SiteScores:
             if member.label == label and member.hypothesis.on == "site"
         ]
         return max(pairs, key=lambda pair: pair[0], default=(None, None))[1]
+
+    def other_forms(self, effect: Effect, fit: Fit) -> list[tuple[Effect, float]]:
+        """Return where to fit the other forms of an effect on the site, best first, with scores."""
+        forms = [
+            hypothesis for hypothesis in dict.fromkeys(each.hypothesis for each in self.members)
+            if hypothesis.label == effect.label and hypothesis.on == "site"
+            and hypothesis is not effect.hypothesis
+        ]  # fmt: skip
+        pairs = [pair for form in forms for pair in self.starts(form, fit).values()]
+        return sorted(pairs, key=lambda pair: -pair[1])
 
     def starts(self, hypothesis: Hypothesis, fit: Fit) -> dict[str, tuple[Effect, float]]:
         """Return where to fit a hypothesis at each target, the best of its starts, and its score.

@@ -8,7 +8,7 @@ import numpy as np
 from ..errors import contained
 from .effects import Scene
 from .error import with_calibrated
-from .fitting import LONGEST, Fit, fit, fit_calibrated
+from .fitting import LONGEST, Fit, fit, fit_calibrated, not_improved
 from .hypotheses import LIBRARY
 from .scores import SiteScores, members_of, of_speeds
 from .thresholds import DECISIVE, LEAD, LEAST_SCORE, MATERIAL, MOST_EFFECTS, NOT_LINEAR, REFIT_GAIN
@@ -217,7 +217,7 @@ def _refit(search, base):
         search.progress(f"fit {label}", done, len(ranked))
         _fit_without_runs(search, base, label)
         if start is not None:
-            _fit_by_runs(search, base, start, score)
+            _fit_forms(search, base, start, score)
         by_runs += start is not None
 
 
@@ -239,6 +239,19 @@ def _start(search, base, label, score):
         effect, again = search.scores.best_of(tried, base) or (effect, score)
         score = max(score, again)
     return effect, score
+
+
+def _fit_forms(search, base, effect, score):
+    """Fit an effect on the site on a fit, and its other forms while a large blast fits less."""
+    tried = {effect.name}
+    _fit_by_runs(search, base, effect, score)
+    for other, score in search.scores.other_forms(effect, base):
+        fits = [fit for fit in search.ranked() if effect.label in fit.labels]
+        if not fits or not not_improved(search.scene, search.without_effects, fits[0]):
+            break
+        if other.name not in tried and search.runs_left():
+            _fit_by_runs(search, base, other, score)
+            tried.add(other.name)
 
 
 def _fit_by_runs(search, base, effect, score):
