@@ -41,7 +41,7 @@ def benches(dip):
 @pytest.mark.parametrize("sense", [(1, 1), (1, -1), (-1, 1), (-1, -1)])
 @pytest.mark.parametrize("side", [1.0, -1.0])
 def test_lines_are_walked_with_the_lower_ground_on_the_right(sense, side):
-    lines = BENT, BENT + [side * 6.0, 0.0, -10.0]
+    lines = BENT, np.add(BENT, [side * 6.0, 0.0, -10.0])
 
     crest, toe = walked(*(line[::step] for line, step in zip(lines, sense, strict=True)))
 
