@@ -99,7 +99,10 @@ def render_diagnosis(diagnosis: Diagnosed, summary: dict) -> str:
     lists = {"s": summary | {"assumed": [], "files_sha256": {}}, "far": FAR_FROM_PRIOR}
     with contained(failures, "page"):
         return page("diagnosis.html").render(
-            meanings=MEANINGS, place=place_in_words, failures=not_computed(failures), **lists,
+            meanings=MEANINGS,
+            place=place_in_words,
+            failures=not_computed(failures),
+            **lists,
             **parts,
         )
     with contained(failures, "lines"):
@@ -158,7 +161,9 @@ def lead(diagnosis: Diagnosed, summary: dict) -> str:
     """Return the result in a few sentences, which begin the page; suspected misfires first."""
     silent = summary["suspected_misfires"]
     first = f"Suspected misfires: {holes_in_words(silent)}. " if silent else ""
-    return first + _answer(diagnosis, summary)
+    vary = summary["holes_vary"]
+    last = f" {vary['words'][0].upper()}{vary['words'][1:]}." if vary else ""
+    return first + _answer(diagnosis, summary) + last
 
 
 def _answer(diagnosis, summary):
@@ -502,6 +507,9 @@ def assumptions(diagnosis: Diagnosed, summary: dict) -> list[str]:
         "the outcome is NULL only if the "
         f"energy that remains of every receiver and every blast is below {MATERIAL:g} times the "
         f"usual one, and no calibrated value lies beyond {FAR_OFF:g} prior deviations.",
+        "Holes of one charge do not radiate alike: each charge, and its path to each receiver, has "
+        "a smooth filter of its own. How much these vary is learned before any effect is asked "
+        "for, and counts as usual.",
         f"The ground is made of {case.project.meshed.reason}{finer}.",
         "Attenuation of the reference site: "
         + ("none." if quality is None else f"Qp {quality[0]:g}, Qs {quality[1]:g}."),
