@@ -14,7 +14,7 @@ import sys
 import time
 from pathlib import Path
 
-from pyblast.project.result import write_text
+from pyblast.files import write_text
 
 from . import (
     accuracy,

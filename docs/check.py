@@ -25,7 +25,7 @@ import typer
 from matplotlib.image import imread
 
 from pyblast.cli.commands import app
-from pyblast.project.result import write_bytes, write_text
+from pyblast.files import write_bytes, write_text
 
 ROOT = Path(__file__).resolve().parents[1]
 QUICKSTART = ROOT / "docs" / "quickstart.md"

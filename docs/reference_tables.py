@@ -11,7 +11,7 @@ from pathlib import Path
 from pyblast.diagnosis import library  # noqa: F401  fills the library
 from pyblast.diagnosis.hypotheses import LIBRARY
 from pyblast.diagnosis.thresholds import threshold_rows
-from pyblast.project.result import write_text
+from pyblast.files import write_text
 from pyblast.signals.comparison import load_limits
 
 AXES = {"receivers": "receivers", "blasts": "blasts", "both": "receivers, blasts"}

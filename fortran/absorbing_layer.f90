@@ -4,17 +4,81 @@ module pyblast_absorbing_layer
     !! The mass of a node in the array of masses holds the part of its stretch that acts at once; the
     !! rest is a force that depends on the past. Zones of the layer: hex_forces.
     !! Source: theory.md (4.14) to (4.18).
-    use pyblast_kinds, only : dp, least_shared
+    use pyblast_kinds, only : dp
     use pyblast_model_types, only : contact_arrays, layer_arrays, layer_state
     implicit none
     private
-    public :: add_layer_forces, update_layer
+    public :: add_crossing_forces, add_past, follow_step
 
 contains
 
-    subroutine add_layer_forces(layer, contacts, n_nodes, n_slots, n_parts, part_force, velocity, &
-                                state, force, zone_force, before, past, power)
-        !! Add what the past of the layer does to its nodes, and the stretch of joints that cross it.
+    pure subroutine add_past(first, last, n_nodes, n_held, layer_node, velocity, past, force, &
+                             zone_force, power)
+        !! Add what the past of nodes first to last of the layer does to them.
+        integer, intent(in) :: first, last, n_nodes, n_held, layer_node(n_held)
+        real(dp), intent(in) :: velocity(3, n_nodes)               !! before the step [m/s]
+        real(dp), intent(in) :: past(3, n_held)                    !! of nodes of the layer [N]
+        real(dp), intent(inout) :: force(3, n_nodes)               !! of the nodes [N]
+        real(dp), intent(inout) :: zone_force(3, n_nodes)          !! part of it, of zones and layer
+        real(dp), intent(inout) :: power                           !! that zones and layer take [W]
+        integer :: k, n
+
+        do k = first, last
+            n = layer_node(k)
+            force(:, n) = force(:, n) + past(:, k)
+            zone_force(:, n) = zone_force(:, n) + past(:, k)
+            power = power - dot_product(past(:, k), velocity(:, n))
+        end do
+    end subroutine add_past
+
+    pure subroutine follow_step(layer, first, last, dt, n_nodes, velocity, before, state)
+        !! Let the memory of nodes first to last of the layer follow their acceleration in a step, and
+        !! find what their past does to them in the next.
+        type(layer_arrays), intent(in) :: layer
+        integer, intent(in) :: first, last, n_nodes
+        real(dp), intent(in) :: dt
+        real(dp), intent(in) :: velocity(3, n_nodes)               !! after the step [m/s]
+        real(dp), intent(in) :: before(3, first:last)              !! of these nodes [m/s]
+        type(layer_state), intent(inout) :: state
+
+        call follow(first, last, n_nodes, size(layer%layer_node), 1.0_dp/dt, layer%layer_node, &
+                    layer%layer_mass, layer%stretch_start, layer%stretch_row, layer%node_stretch, &
+                    velocity, before, state%node_memory, state%node_past)
+    end subroutine follow_step
+
+    pure subroutine follow(first, last, n_nodes, n_held, rate, layer_node, layer_mass, &
+                           stretch_start, stretch_row, node_stretch, velocity, before, node_memory, &
+                           past)
+        !! As follow_step. Explicit shapes: through components it takes longer.
+        integer, intent(in) :: first, last, n_nodes, n_held
+        real(dp), intent(in) :: rate                               !! of steps [1/s]
+        integer, intent(in) :: layer_node(n_held), stretch_start(n_held + 1), stretch_row(*)
+        real(dp), intent(in) :: layer_mass(n_held), node_stretch(5, *)
+        real(dp), intent(in) :: velocity(3, n_nodes), before(3, first:last)
+        real(dp), intent(inout) :: node_memory(3, *), past(3, n_held)
+        real(dp) :: acceleration(3), memory(3), own(3), kappa, loss, share
+        integer :: e, k, r
+
+        do k = first, last
+            acceleration = (velocity(:, layer_node(k)) - before(:, k))*rate
+            own = 0.0_dp
+            do e = stretch_start(k), stretch_start(k + 1) - 1
+                r = stretch_row(e)
+                kappa = node_stretch(1, r)
+                loss = node_stretch(2, r)
+                share = node_stretch(3, r)
+                memory = node_memory(:, e)
+                call times_stretch(kappa, loss, share, node_stretch(4, r), memory, acceleration)
+                node_memory(:, e) = memory
+                own = (kappa + loss*share)*own + loss*memory
+            end do
+            past(:, k) = -layer_mass(k)*own
+        end do
+    end subroutine follow
+
+    subroutine add_crossing_forces(layer, contacts, n_nodes, n_slots, n_parts, part_force, velocity, &
+                                   state, force, zone_force, power)
+        !! Add the stretch of joints that cross the layer.
         type(layer_arrays), intent(in) :: layer
         type(contact_arrays), intent(in) :: contacts
         integer, intent(in) :: n_nodes, n_slots, n_parts
@@ -23,36 +87,19 @@ contains
         type(layer_state), intent(inout) :: state
         real(dp), intent(inout) :: force(3, n_nodes)               !! of the nodes [N]
         real(dp), intent(inout) :: zone_force(3, n_nodes)          !! part of it, of zones and layer
-        real(dp), intent(out) :: before(:, :)                      !! velocity of the layer's nodes
-        real(dp), intent(out) :: past(:, :)                        !! what its past does to them [N]
         real(dp), intent(inout) :: power                           !! that zones and layer take [W]
-        real(dp) :: own(3), taken(size(layer%layer_node)), added(3)
-        integer :: c, e, k, n, side
+        real(dp) :: own(3), added(3)
+        integer :: a, c, k, n, side
 
-        !$omp parallel do schedule(static) default(none) private(e, n, own) &
-        !$omp& shared(layer, state, velocity, force, zone_force, before, past, taken) &
-        !$omp& if (n_nodes >= least_shared)
-        do k = 1, size(layer%layer_node)
-            n = layer%layer_node(k)
-            own = 0.0_dp
-            do e = layer%stretch_start(k), layer%stretch_start(k + 1) - 1
-                own = at_once(layer%node_stretch(:, e))*own &
-                    + layer%node_stretch(2, e)*state%node_memory(:, e)
-            end do
-            own = -layer%layer_mass(k)*own
-            force(:, n) = force(:, n) + own
-            zone_force(:, n) = zone_force(:, n) + own
-            before(:, k) = velocity(:, n)
-            past(:, k) = own
-            taken(k) = dot_product(own, velocity(:, n))
-        end do
-        !$omp end parallel do
-        power = power - sum(taken)
         do k = 1, size(layer%crossing_part)
             c = layer%crossing_part(k)
             own = part_force(:, n_slots + 2*c - 1)
             added = own
-            call times_stretches(3, layer%crossing_stretch(:, :, k), state%crossing_memory(:, :, k), added)
+            do a = 1, 3
+                call times_stretch(layer%crossing_stretch(1, a, k), layer%crossing_stretch(2, a, k), &
+                                   layer%crossing_stretch(3, a, k), layer%crossing_stretch(4, a, k), &
+                                   state%crossing_memory(:, a, k), added)
+            end do
             added = added - own
             do side = 1, 2
                 n = contacts%contact_node(side, c)
@@ -62,53 +109,18 @@ contains
                 added = -added
             end do
         end do
-    end subroutine add_layer_forces
+    end subroutine add_crossing_forces
 
-    subroutine update_layer(layer, dt, n_nodes, velocity, before, state)
-        !! Let the memory of the nodes follow their acceleration in the step.
-        type(layer_arrays), intent(in) :: layer
-        real(dp), intent(in) :: dt
-        integer, intent(in) :: n_nodes
-        real(dp), intent(in) :: velocity(3, n_nodes)               !! after the step [m/s]
-        real(dp), intent(in) :: before(:, :)                       !! of the nodes of the layer [m/s]
-        type(layer_state), intent(inout) :: state
-        real(dp) :: acceleration(3)
-        integer :: first, k, last
+    elemental subroutine times_stretch(kappa, loss, share, keeps, memory, value)
+        !! Multiply a value with a stretch; (4.16).
+        real(dp), intent(in) :: kappa, loss, share, keeps          !! numbers of a stretch
+        real(dp), intent(inout) :: memory, value
+        real(dp) :: drive
 
-        !$omp parallel do schedule(static) default(none) private(acceleration, first, last) &
-        !$omp& shared(layer, dt, velocity, before, state) if (n_nodes >= least_shared)
-        do k = 1, size(layer%layer_node)
-            acceleration = (velocity(:, layer%layer_node(k)) - before(:, k))/dt
-            first = layer%stretch_start(k)
-            last = layer%stretch_start(k + 1) - 1
-            call times_stretches(last - first + 1, layer%node_stretch(:, first:last), &
-                                 state%node_memory(:, first:last), acceleration)
-        end do
-        !$omp end parallel do
-    end subroutine update_layer
-
-    pure function at_once(stretch) result(share)
-        !! What a stretch does to a value of the same instant.
-        real(dp), intent(in) :: stretch(5)
-        real(dp) :: share
-
-        share = stretch(1) + stretch(2)*stretch(3)
-    end function at_once
-
-    pure subroutine times_stretches(n, stretch, memory, value)
-        !! Multiply a vector with stretches, the innermost first; (4.16).
-        integer, intent(in) :: n
-        real(dp), intent(in) :: stretch(5, n)
-        real(dp), intent(inout) :: memory(3, n), value(3)
-        real(dp) :: drive(3)
-        integer :: a
-
-        do a = 1, n
-            drive = stretch(3, a)*value
-            memory(:, a) = memory(:, a) + drive
-            value = stretch(1, a)*value + stretch(2, a)*memory(:, a)
-            memory(:, a) = stretch(4, a)*memory(:, a) + drive
-        end do
-    end subroutine times_stretches
+        drive = share*value
+        memory = memory + drive
+        value = kappa*value + loss*memory
+        memory = keeps*memory + drive
+    end subroutine times_stretch
 
 end module pyblast_absorbing_layer

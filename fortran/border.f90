@@ -32,11 +32,11 @@ contains
                        n_rows, n_memories, n_patches, n_ends, n_parts, n_contacts, n_joints, &
                        n_loads, n_histories, n_dashpots, n_fixed, n_receivers, n_total, n_steps, &
                        n_ledger, n_line, n_hex_nodes, n_packs, n_metrics, n_bricks, n_slabs_held, &
-                       n_layer_nodes, n_stretches, n_crossings, n_clusters, n_implicit, n_blocks, &
+                       n_layer_nodes, n_stretched, n_stretches, n_crossings, n_clusters, n_implicit, n_blocks, &
                        first_step, ledger_every, dt, local_damping, &
                        hex_order, n_mapped, hex_slope, hex_weight, pack_node, pack_set, &
                        pack_metric, pack_brick, n_slabs, slab_start, slab_axis, slab_stretch, &
-                       slab_lag, layer_frame, layer_node, layer_mass, stretch_start, node_stretch, &
+                       slab_lag, layer_frame, layer_node, layer_mass, stretch_start, stretch_row, node_stretch, &
                        crossing_part, crossing_stretch, &
                        domain_zone_start, domain_slot_start, domain_set, slot_node, slot_place, &
                        zone_slot, zone_lambda, zone_shear, zone_row, zone_patch, set_form, &
@@ -54,14 +54,14 @@ contains
                        receiver_node, receiver_weight, &
                        displacement, velocity, memory, row_state, row_lost, contact_traction, &
                        contact_state, contact_stored, contact_dissipated, slab_memory, &
-                       node_memory, crossing_memory, sums, &
+                       node_memory, node_past, crossing_memory, sums, &
                        motion, energy, info, where, member)
         !! Integrate n_steps from first_step; stop early when the motion is no longer finite.
         integer, intent(in) :: n_nodes, n_zones, n_domains, n_slots, n_sets, n_rows, n_parts
         integer, intent(in) :: n_memories, n_corners, n_edges, n_skews, n_patches, n_ends
         integer, intent(in) :: n_contacts, n_joints, n_loads, n_histories, n_dashpots, n_fixed
         integer, intent(in) :: n_receivers, n_line, n_hex_nodes, n_packs, n_metrics, n_bricks
-        integer, intent(in) :: n_slabs_held, n_layer_nodes, n_stretches, n_crossings
+        integer, intent(in) :: n_slabs_held, n_layer_nodes, n_stretched, n_stretches, n_crossings
         integer, intent(in) :: n_clusters, n_implicit, n_blocks
         integer, intent(in) :: hex_order, n_mapped, n_slabs
         integer, intent(in) :: n_total                       !! steps that the histories cover
@@ -80,6 +80,7 @@ contains
         integer, intent(in), target :: layer_node(n_layer_nodes), crossing_part(n_crossings)
         real(dp), intent(in), target :: layer_mass(n_layer_nodes)
         integer, intent(in), target :: stretch_start(n_layer_nodes + 1)
+        integer, intent(in), target :: stretch_row(n_stretched)
         real(dp), intent(in), target :: node_stretch(5, n_stretches)
         real(dp), intent(in), target :: crossing_stretch(5, 3, n_crossings)
         integer, intent(in), target :: domain_zone_start(n_domains + 1)
@@ -132,7 +133,8 @@ contains
         real(dp), intent(inout), target :: contact_stored(n_batch, n_contacts)
         real(dp), intent(inout), target :: contact_dissipated(n_batch, n_contacts)
         real(dp), intent(inout), target :: slab_memory(hex_width, 10, n_hex_nodes, n_slabs_held)
-        real(dp), intent(inout), target :: node_memory(3, n_stretches)
+        real(dp), intent(inout), target :: node_memory(3, n_stretched)
+        real(dp), intent(inout), target :: node_past(3, n_layer_nodes)
         real(dp), intent(inout), target :: crossing_memory(3, 3, n_crossings)
         real(dp), intent(inout), target :: sums(n_sums, n_batch)
         real(dp), intent(inout) :: motion(n_batch, 3, n_receivers, n_steps)   !! [m/s]
@@ -158,7 +160,7 @@ contains
             n_slabs=n_slabs, slab_start=slab_start, slab_axis=slab_axis, &
             slab_stretch=slab_stretch, slab_lag=slab_lag, layer_frame=layer_frame, &
             layer_node=layer_node, layer_mass=layer_mass, stretch_start=stretch_start, &
-            node_stretch=node_stretch, &
+            stretch_row=stretch_row, node_stretch=node_stretch, &
             crossing_part=crossing_part, crossing_stretch=crossing_stretch)
         model%edges = edge_arrays( &
             edge_start=edge_start, edge_slot=edge_slot, edge_spring=edge_spring, &
@@ -191,7 +193,8 @@ contains
             receiver_node=receiver_node, receiver_weight=receiver_weight)
         state%nodes = nodal_state(displacement=displacement, velocity=velocity, memory=memory)
         state%zones = zone_state(row_state=row_state, row_lost=row_lost, slab_memory=slab_memory)
-        state%layer = layer_state(node_memory=node_memory, crossing_memory=crossing_memory)
+        state%layer = layer_state( &
+            node_memory=node_memory, node_past=node_past, crossing_memory=crossing_memory)
         state%joints = joint_state( &
             contact_traction=contact_traction, contact_state=contact_state, &
             contact_stored=contact_stored, contact_dissipated=contact_dissipated)

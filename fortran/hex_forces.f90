@@ -66,8 +66,8 @@ contains
         type(zone_state), intent(inout) :: zones
         real(dp), intent(inout) :: force(kernel_width, 3, n)
         real(dp), dimension(kernel_width, 3, n) :: u, v, deviatoric, volumetric
-        integer :: first, last, most, n_nodes
-        logical :: apart
+        integer :: c, first, last, most, n_nodes
+        logical :: apart, turned
 
         associate (ground => model%ground, set => model%hexes%pack_set(p), layer => model%layer, &
                    node => model%hexes%pack_node(:, :, p))
@@ -75,22 +75,24 @@ contains
             first = layer%slab_start(p)
             last = layer%slab_start(p + 1) - 1
             n_nodes = size(nodes%velocity, 3)
-            call gather(n, 0, n_nodes, node, nodes%displacement, u)
-            call gather(n, 0, n_nodes, node, nodes%velocity, v)
+            turned = any([(abs(layer%layer_frame(c, c) - 1.0_dp) > 0.0_dp, c=1, 3)])
             if (any(ground%set_beta(:, set) > 0.0_dp) &
                 .or. any(ground%set_branch(:, :, :, set) > 0.0_dp)) then
+                call gather(n, 0, n_nodes, node, nodes%displacement, u)
+                call gather(n, 0, n_nodes, node, nodes%velocity, v)
                 call damped_fields(n, 0, n_nodes, size(nodes%memory, 3), node, &
                                    ground%set_beta(:, set), ground%set_branch(:, :, :, set), u, &
                                    nodes%velocity, nodes%memory, deviatoric, volumetric)
+                call add_lag(n, layer%slab_lag(:, first), v, deviatoric)
                 call add_lag(n, layer%slab_lag(:, first), v, volumetric)
             else
-                deviatoric = u
+                call gather_lagging(n, n_nodes, node, layer%slab_lag(:, first), &
+                                    nodes%displacement, nodes%velocity, deviatoric)
             end if
-            call add_lag(n, layer%slab_lag(:, first), v, deviatoric)
             apart = any(abs(ground%set_branch(:, 1, :, set) - ground%set_branch(:, 2, :, set)) &
                         > 0.0_dp)
-            call turn(n, layer%layer_frame, deviatoric)
-            if (apart) call turn(n, layer%layer_frame, volumetric)
+            if (turned) call turn(n, layer%layer_frame, deviatoric)
+            if (turned .and. apart) call turn(n, layer%layer_frame, volumetric)
             call forces_in_layer(model%hexes, n, wide, &
                                  model%hexes%pack_metric(:, :, :, min(p, most)), &
                                  model%hexes%pack_brick(:, :, max(1, p - model%hexes%n_mapped)), &
@@ -98,7 +100,7 @@ contains
                                  layer%slab_axis(first:last), &
                                  layer%slab_stretch(:, :, :, first:last), deviatoric, apart, &
                                  volumetric, zones%slab_memory(:, :, :, first:last), force)
-            call turn(n, transpose(layer%layer_frame), force)
+            if (turned) call turn(n, transpose(layer%layer_frame), force)
         end associate
     end subroutine layer_forces
 
@@ -212,6 +214,22 @@ contains
             end do
         end if
     end subroutine gather
+
+    pure subroutine gather_lagging(n, n_nodes, node, lag, displacement, velocity, field)
+        !! Motion that undamped ground in the layer sees at the nodes of a pack, with its viscosity.
+        integer, intent(in) :: n, n_nodes, node(hex_width, n)
+        real(dp), intent(in) :: lag(hex_width), displacement(3, n_nodes), velocity(3, n_nodes)
+        real(dp), intent(out) :: field(kernel_width, 3, n)
+        integer :: a, l
+
+        do a = 1, n
+            do l = 1, hex_width
+                field(l, 1, a) = displacement(1, node(l, a)) + lag(l)*velocity(1, node(l, a))
+                field(l, 2, a) = displacement(2, node(l, a)) + lag(l)*velocity(2, node(l, a))
+                field(l, 3, a) = displacement(3, node(l, a)) + lag(l)*velocity(3, node(l, a))
+            end do
+        end do
+    end subroutine gather_lagging
 
     pure subroutine damped_fields(n, member, n_nodes, n_memories, node, beta, branch, u, velocity, &
                                   memory, deviatoric, volumetric)

@@ -63,7 +63,8 @@ module pyblast_model_types
         integer, contiguous, pointer :: layer_node(:)            !! (n_layer_nodes)
         real(dp), contiguous, pointer :: layer_mass(:)           !! without stretch [kg]
         integer, contiguous, pointer :: stretch_start(:)         !! of each node (n_layer_nodes + 1)
-        real(dp), contiguous, pointer :: node_stretch(:, :)      !! of nodes along axes (5, n_stretches)
+        integer, contiguous, pointer :: stretch_row(:)           !! of nodes along axes (n_stretched)
+        real(dp), contiguous, pointer :: node_stretch(:, :)      !! that differ (5, n_stretches)
         integer, contiguous, pointer :: crossing_part(:)         !! contacts in the layer (n_crossings)
         real(dp), contiguous, pointer :: crossing_stretch(:, :, :)
             !! (5, 3 axes, n_crossings)
@@ -226,7 +227,9 @@ module pyblast_model_types
 
     type, public :: layer_state
         !! Memory of the absorbing layer.
-        real(dp), contiguous, pointer :: node_memory(:, :)       !! (3, n_stretches)
+        real(dp), contiguous, pointer :: node_memory(:, :)       !! (3, n_stretched)
+        real(dp), contiguous, pointer :: node_past(:, :)         !! force of the past of nodes in the
+                                                                 !! next step (3, n_layer_nodes) [N]
         real(dp), contiguous, pointer :: crossing_memory(:, :, :)  !! (3, 3 axes, n_crossings)
     end type layer_state
 
@@ -287,8 +290,8 @@ module pyblast_model_types
         real(dp), allocatable :: part_force(:, :, :)             !! (n_batch, 3, n_parts) [N]
         real(dp), allocatable :: block_energy(:, :, :)           !! (n_batch, 5, n_blocks) [J]
         real(dp), allocatable :: block_power(:, :)               !! (n_batch, n_blocks) [W]
-        real(dp), allocatable :: layer_velocity(:, :)            !! before the step (3, n_layer_nodes)
-        real(dp), allocatable :: layer_force(:, :)               !! of its past [N]
+        integer, allocatable :: layer_start(:)                   !! first node of the absorbing layer in
+                                                                 !! each block of nodes (n_blocks + 1)
         integer, allocatable :: load_start(:)                    !! of runs of loads on one node
                                                                  !! (n_runs + 1)
         real(dp), allocatable :: load_force(:, :, :)             !! (n_batch, 3, n_runs) [N]

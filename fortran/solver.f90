@@ -5,16 +5,16 @@ module pyblast_solver
     use omp_lib, only : omp_get_max_threads, omp_get_thread_num
     use pyblast_kinds, only : dp, n_energies
     use pyblast_batch, only : n_batch
-    use pyblast_model_types, only : allocate_domain_work, domain_work, model_arrays, model_state, &
-        n_clusters, n_zone_parts, nodal_work
+    use pyblast_model_types, only : allocate_domain_work, domain_work, model_arrays, &
+        model_state, n_clusters, n_zone_parts, nodal_work
     use pyblast_implicit_zones, only : add_implicit_energy, add_layer_to_lines, implicit_forces
     use pyblast_internal_forces, only : zone_forces
-    use pyblast_absorbing_layer, only : add_layer_forces, update_layer
+    use pyblast_absorbing_layer, only : add_crossing_forces
     use pyblast_contacts, only : contact_forces
     use pyblast_boundaries, only : load_forces, load_power, load_runs, reaction_forces, &
         viscous_forces
     use pyblast_time_stepping, only : block_size, gather_forces, move_nodes, record_motion, &
-        update_memory, zone_power
+        update_memory
     use pyblast_energy_balance, only : grows, insitu_work, write_energies
     implicit none
     private
@@ -126,15 +126,13 @@ contains
                              nodal%part_force)
             call contact_forces(model%contacts, dt, state%nodes, state%joints, n_contacts, &
                                 nodal%part_force(:, :, n_slots + 1:))
-            call gather_forces(model%nodes, state%nodes, n_slots, model%hexes%order > 0, damped, nodal, &
-                               before(:, 4))
-            if (model%layer%n_slabs > 0) call add_layer_forces( &
+            call gather_forces(model, state, n_slots, damped, nodal, before(:, 4))
+            if (model%layer%n_slabs > 0) call add_crossing_forces( &
                 model%layer, model%contacts, n_nodes, n_slots, n_slots + 2*n_contacts, &
-                nodal%part_force, v, state%layer, nodal%force, nodal%zone_force, &
-                nodal%layer_velocity, nodal%layer_force, before(1, 4))
+                nodal%part_force, v, state%layer, nodal%force, nodal%zone_force, before(1, 4))
             if (model%layer%n_slabs > 0 .and. n_clusters(model%implicit) > 0) &
                 call add_layer_to_lines(model%implicit, n_nodes, model%nodes%node_mass, v, &
-                                        nodal%layer_force, nodal%force, nodal%zone_force, &
+                                        state%layer%node_past, nodal%force, nodal%zone_force, &
                                         before(1, 4), nodal%implicit)
             call load_forces(model%loads, nodal%load_start, step, n_nodes, v, nodal%load_force, &
                              nodal%force, before(:, 3))
@@ -150,14 +148,11 @@ contains
                 n_nodes, n_contacts, model%nodes%node_load, model%contacts%contact_node, &
                 model%contacts%contact_area, model%contacts%contact_initial, &
                 state%nodes%displacement)
-            call move_nodes(model%nodes, dt, model%local_damping, with_energy, state%nodes, nodal)
+            call move_nodes(model, with_energy, damped, state, nodal, after(:, 4))
             if (with_energy .and. n_clusters(model%implicit) > 0) call add_implicit_energy( &
                 model%implicit, n_nodes, v, nodal%implicit, nodal%block_energy(:, 1, 1))
-            if (model%layer%n_slabs > 0) call update_layer(model%layer, dt, n_nodes, v, &
-                                                           nodal%layer_velocity, state%layer)
             call load_power(model%loads, nodal%load_start, n_nodes, v, nodal%load_force, after(:, 3))
             after(:, 3) = after(:, 1) + 0.5_dp*dt*after(:, 3)
-            if (damped) call zone_power(state%nodes, nodal, after(:, 4))
             after(:, 4) = 0.5_dp*dt*after(:, 4)
             call update_memory(model%ground%memory_rate, dt, state%nodes)
             before(:, 1) = sum(nodal%block_energy(:, 3, :), 2)
@@ -169,7 +164,7 @@ contains
         !! Allocate the forces of a step and the sums over blocks of nodes.
         type(model_arrays), intent(in) :: model
         type(nodal_work), intent(out) :: work
-        integer :: n_nodes, n_blocks, position(size(model%nodes%node_mass, 2)), k
+        integer :: n_nodes, n_blocks, n_held, position(size(model%nodes%node_mass, 2)), b, k
 
         n_nodes = size(model%nodes%node_mass, 2)
         n_blocks = (n_nodes + block_size - 1)/block_size
@@ -179,14 +174,19 @@ contains
         allocate (work%block_energy(n_batch, 5, n_blocks), work%block_power(n_batch, n_blocks))
         work%load_start = load_runs(model%loads%load_node)
         allocate (work%load_force(n_batch, 3, size(work%load_start) - 1))
-        if (model%layer%n_slabs > 0) &
-            allocate (work%layer_velocity(3, size(model%layer%layer_node)), &
-                      work%layer_force(3, size(model%layer%layer_node)))
+        allocate (work%layer_start(n_blocks + 1), source=1)
+        n_held = merge(size(model%layer%layer_node), 0, model%layer%n_slabs > 0)
+        do k = 1, n_held
+            b = (model%layer%layer_node(k) - 1)/block_size + 1
+            work%layer_start(b + 1) = k + 1
+        end do
+        do b = 2, n_blocks + 1
+            work%layer_start(b) = max(work%layer_start(b), work%layer_start(b - 1))
+        end do
         allocate (work%implicit%solution(n_batch, 3, size(model%implicit%implicit_node)))
         allocate (work%implicit%cluster_energy(n_batch, n_clusters(model%implicit)))
         position = 0
-        if (model%layer%n_slabs > 0) &
-            position(model%layer%layer_node) = [(k, k=1, size(model%layer%layer_node))]
+        position(model%layer%layer_node(:n_held)) = [(k, k=1, n_held)]
         work%implicit%layer_place = position(model%implicit%implicit_node)
         allocate (work%step_over_mass(n_batch, 3, n_nodes))
         work%step_over_mass = spread(model%dt/model%nodes%node_mass, 2, 3)

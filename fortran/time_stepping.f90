@@ -2,45 +2,54 @@ module pyblast_time_stepping
     !! Sum of the forces on a node in fixed order, and its step through time.
     use pyblast_kinds, only : dp, hex_width, least_shared
     use pyblast_batch, only : n_batch
-    use pyblast_model_types, only : nodal_state, nodal_work, node_arrays, receiver_arrays
+    use pyblast_model_types, only : model_arrays, model_state, nodal_state, nodal_work, node_arrays, &
+        receiver_arrays
+    use pyblast_absorbing_layer, only : add_past, follow_step
     implicit none
     private
-    public :: gather_forces, move_nodes, record_motion, update_memory, zone_power
+    public :: gather_forces, move_nodes, record_motion, update_memory
 
     integer, parameter, public :: block_size = 1024   !! nodes whose energies are added together
 
 contains
 
-    subroutine gather_forces(nodes, state, n_slots, in_packs, damped, work, power)
-        !! Constant load of each node plus its parts, in the order of its list: slots, then sides.
-        type(node_arrays), intent(in) :: nodes
-        type(nodal_state), intent(in) :: state
+    subroutine gather_forces(model, state, n_slots, damped, work, power)
+        !! Constant load of each node plus its parts, in the order of its list: slots, then sides;
+        !! and what the past of the absorbing layer does.
+        type(model_arrays), intent(in) :: model
+        type(model_state), intent(in) :: state
         integer, intent(in) :: n_slots             !! parts that come from zones
-        logical, intent(in) :: in_packs            !! whether zones are hexahedra
         logical, intent(in) :: damped              !! whether the power of zones is wanted
         type(nodal_work), intent(inout) :: work
-        real(dp), intent(out) :: power(n_batch)    !! as in zone_power [W]
-        integer :: b, n_nodes, n_parts
+        real(dp), intent(out) :: power(n_batch)    !! that zones and layer take from the motion [W]
+        integer :: b, first, last, n_nodes, n_parts
 
-        n_nodes = size(state%velocity, 3)
+        n_nodes = size(state%nodes%velocity, 3)
         n_parts = size(work%part_force, 3)
-        !$omp parallel do schedule(static) default(none) &
-        !$omp& shared(nodes, state, n_nodes, n_parts, n_slots, in_packs, damped, work) &
+        !$omp parallel do schedule(static) default(none) private(first, last) &
+        !$omp& shared(model, state, n_nodes, n_parts, n_slots, damped, work) &
         !$omp& if (n_batch*n_nodes >= least_shared)
         do b = 1, size(work%block_power, 2)
-            if (in_packs .and. n_batch == 1) then
-                call gather_block_of_packs((b - 1)*block_size + 1, min(b*block_size, n_nodes), &
-                                           n_nodes, n_parts, n_slots, size(nodes%node_part), &
-                                           damped, nodes%node_start, nodes%node_part, &
-                                           work%part_force, nodes%node_load, state%velocity, &
-                                           work%zone_force, work%force, work%block_power(1, b))
-            else
-                call gather_block((b - 1)*block_size + 1, min(b*block_size, n_nodes), n_nodes, &
-                                  n_parts, n_slots, size(nodes%node_part), damped, &
-                                  nodes%node_start, nodes%node_part, work%part_force, &
-                                  nodes%node_load, state%velocity, work%zone_force, work%force, &
-                                  work%block_power(:, b))
-            end if
+            first = (b - 1)*block_size + 1
+            last = min(b*block_size, n_nodes)
+            associate (nodes => model%nodes, velocity => state%nodes%velocity)
+                if (model%hexes%order > 0 .and. n_batch == 1) then
+                    call gather_block_of_packs(first, last, n_nodes, n_parts, n_slots, &
+                                               size(nodes%node_part), damped, nodes%node_start, &
+                                               nodes%node_part, work%part_force, nodes%node_load, &
+                                               velocity, work%zone_force, work%force, &
+                                               work%block_power(1, b))
+                else
+                    call gather_block(first, last, n_nodes, n_parts, n_slots, &
+                                      size(nodes%node_part), damped, nodes%node_start, &
+                                      nodes%node_part, work%part_force, nodes%node_load, velocity, &
+                                      work%zone_force, work%force, work%block_power(:, b))
+                end if
+                call add_past(work%layer_start(b), work%layer_start(b + 1) - 1, &
+                              n_nodes, size(model%layer%layer_node), model%layer%layer_node, &
+                              velocity, state%layer%node_past, work%force, work%zone_force, &
+                              work%block_power(1, b))
+            end associate
         end do
         !$omp end parallel do
         power = sum(work%block_power, 2)
@@ -134,50 +143,56 @@ contains
         power = sum(part, 2)
     end function power_taken
 
-    subroutine zone_power(state, work, power)
-        !! Power that the zones take from the motion of the nodes [W].
-        type(nodal_state), intent(in) :: state
-        type(nodal_work), intent(inout) :: work
-        real(dp), intent(out) :: power(n_batch)
-        integer :: b, first, last, n_nodes
-
-        n_nodes = size(state%velocity, 3)
-        !$omp parallel do schedule(static) default(none) private(first, last) &
-        !$omp& shared(state, work, n_nodes) if (n_batch*n_nodes >= least_shared)
-        do b = 1, size(work%block_power, 2)
-            first = (b - 1)*block_size + 1
-            last = min(b*block_size, n_nodes)
-            work%block_power(:, b) = power_taken(last - first + 1, &
-                                                 work%zone_force(:, :, first:last), &
-                                                 state%velocity(:, :, first:last))
-        end do
-        !$omp end parallel do
-        power = sum(work%block_power, 2)
-    end subroutine zone_power
-
-    subroutine move_nodes(nodes, dt, local_damping, with_energy, state, work)
+    subroutine move_nodes(model, with_energy, damped, state, work, power)
         !! Central differences with mass damping at the mean velocity; theory.md (2.5), (2.6).
         !!
         !! block_energy adds, for each block of nodes, m v_old.v_new/2; m (v_old.v_old +
         !! v_new.v_new)/4; the energy that damping takes on the old and on the new velocity; |force|.
-        type(node_arrays), intent(in) :: nodes
-        real(dp), intent(in) :: dt                 !! [s]
-        real(dp), intent(in) :: local_damping      !! share of the force; 0 in dynamics
+        type(model_arrays), intent(in) :: model
         logical, intent(in) :: with_energy         !! whether all energies are wanted
-        type(nodal_state), intent(inout) :: state
+        logical, intent(in) :: damped              !! whether the power of zones is wanted
+        type(model_state), intent(inout) :: state
         type(nodal_work), intent(inout) :: work
+        real(dp), intent(out) :: power(n_batch)    !! that zones and layer take from the new motion [W]
         integer :: b, n_nodes
 
-        n_nodes = size(state%velocity, 3)
+        n_nodes = size(state%nodes%velocity, 3)
+        if (.not. damped) work%block_power = 0.0_dp
         !$omp parallel do schedule(static) default(none) &
-        !$omp& shared(nodes, dt, local_damping, with_energy, state, work, n_nodes) &
+        !$omp& shared(model, with_energy, damped, state, work, n_nodes) &
         !$omp& if (n_batch*n_nodes >= least_shared)
         do b = 1, size(work%block_power, 2)
-            call move_block(b, min(b*block_size, n_nodes), nodes, dt, local_damping, with_energy, &
-                            state, work)
+            call move_block_in_layer(b, min(b*block_size, n_nodes), model, with_energy, damped, &
+                                     state, work)
         end do
         !$omp end parallel do
+        power = sum(work%block_power, 2)
     end subroutine move_nodes
+
+    pure subroutine move_block_in_layer(b, last, model, with_energy, damped, state, work)
+        !! Move block b of the nodes, and let the memory of the absorbing layer follow.
+        integer, intent(in) :: b, last
+        type(model_arrays), intent(in) :: model
+        logical, intent(in) :: with_energy, damped
+        type(model_state), intent(inout) :: state
+        type(nodal_work), intent(inout) :: work
+        real(dp) :: before(3, block_size)
+        integer :: first, k, in_layer
+
+        first = (b - 1)*block_size + 1
+        associate (layer => model%layer, velocity => state%nodes%velocity, start => work%layer_start)
+            in_layer = start(b + 1) - start(b)
+            do k = 1, in_layer
+                before(:, k) = velocity(1, :, layer%layer_node(start(b) - 1 + k))
+            end do
+            call move_block(b, last, model%nodes, model%dt, model%local_damping, with_energy, &
+                            state%nodes, work)
+            if (in_layer > 0) call follow_step(layer, start(b), start(b + 1) - 1, model%dt, &
+                                               size(velocity, 3), velocity, before, state%layer)
+            if (damped) work%block_power(:, b) = power_taken( &
+                last - first + 1, work%zone_force(:, :, first:last), velocity(:, :, first:last))
+        end associate
+    end subroutine move_block_in_layer
 
     pure subroutine move_block(b, last, nodes, dt, local_damping, with_energy, state, work)
         !! Move block b of the nodes, adding up no more energies than are wanted.

@@ -14,7 +14,7 @@ import time
 from pathlib import Path
 
 from pyblast.errors import PyblastError
-from pyblast.project.result import write_text
+from pyblast.files import write_text
 
 from . import cases, page
 from .asked import NOT_MEASURED

@@ -24,6 +24,7 @@ from pathlib import Path
 import numpy as np
 
 from pyblast.errors import SolverError
+from pyblast.files import write_text
 from pyblast.mesh.builder import structured_box
 from pyblast.mesh.grid import Layer
 from pyblast.mesh.hexahedra import AbsorbingLayer
@@ -32,7 +33,6 @@ from pyblast.model.joint import Joint
 from pyblast.model.material import ConstantQ, Material
 from pyblast.model.model import Model, Receiver
 from pyblast.model.source import PointForce, TimeFunction
-from pyblast.project.result import write_text
 from pyblast.solver.preparation import prepare
 from pyblast.solver.run import simulate
 

@@ -22,8 +22,8 @@ from pyblast.back_analysis.findings import findings_of_fit
 from pyblast.back_analysis.fit import Fitter, on_mesh_of_band
 from pyblast.back_analysis.search import make_target
 from pyblast.config.section import value_at
+from pyblast.files import write_text
 from pyblast.project.project import load_project
-from pyblast.project.result import write_text
 from pyblast.workflows.back_analysis import result_of_fit
 
 from .markdown import reflow

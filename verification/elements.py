@@ -19,6 +19,7 @@ from pathlib import Path
 
 import numpy as np
 
+from pyblast.files import write_text
 from pyblast.mesh.builder import structured_box
 from pyblast.mesh.grid import Layer
 from pyblast.model.boundary import Viscous
@@ -27,7 +28,6 @@ from pyblast.model.joint import Joint
 from pyblast.model.material import ConstantQ, Damping, Material
 from pyblast.model.model import Model, Receiver
 from pyblast.model.source import PointForce, TimeFunction
-from pyblast.project.result import write_text
 from pyblast.solver.run import simulate
 
 from .rows import each_row, options, read_rows

@@ -22,9 +22,9 @@ from scipy.interpolate import LinearNDInterpolator
 
 from pyblast.config.config import check_config
 from pyblast.errors import PyblastError
+from pyblast.files import write_text
 from pyblast.mesh.mesh import locate_in_zones
 from pyblast.project.project import make_project
-from pyblast.project.result import write_text
 from pyblast.solver.injection import near_receivers
 from pyblast.solver.run import simulate
 

@@ -20,9 +20,9 @@ from pathlib import Path
 
 import numpy as np
 
+from pyblast.files import write_text
 from pyblast.model.source import Column, TimeFunction
 from pyblast.project.project import Project
-from pyblast.project.result import write_text
 from pyblast.solver.preparation import prepare
 from pyblast.solver.run import simulate
 

@@ -14,7 +14,7 @@ from typing import Any
 
 from benchmarks.timing import stamp
 from pyblast.errors import PyblastError
-from pyblast.project.result import write_text
+from pyblast.files import write_text
 
 ROOT = Path(__file__).resolve().parents[1]
 Rows = dict[str, dict[str, Any]]

@@ -20,9 +20,9 @@ from pathlib import Path
 
 import numpy as np
 
+from pyblast.files import write_text
 from pyblast.model.material import Material
 from pyblast.project.project import Project
-from pyblast.project.result import write_text
 from pyblast.simulation.accuracy import FOUND
 
 from .rows import each_row, options, read_rows

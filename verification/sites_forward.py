@@ -19,8 +19,8 @@ import numpy as np
 import obspy
 
 from pyblast.config.config import Config
+from pyblast.files import write_text
 from pyblast.project.project import load_project, make_project
-from pyblast.project.result import write_text
 from pyblast.signals.seismogram import Seismogram
 from pyblast.solver.preparation import prepare
 from pyblast.solver.run import simulate

@@ -17,9 +17,9 @@ from pathlib import Path
 
 import numpy as np
 
+from pyblast.files import write_text
 from pyblast.project.checks_ground import summarise_model
 from pyblast.project.project import Project
-from pyblast.project.result import write_text
 
 from .rows import each_row, options, read_rows
 from .solutions.full_space import Bell

@@ -20,7 +20,7 @@ from functools import partial
 from pathlib import Path
 
 from pyblast.errors import InputError
-from pyblast.project.result import write_text
+from pyblast.files import write_text
 from pyblast.runs.parallel import Processes
 
 from . import scores as scoring

@@ -6,7 +6,7 @@ import numpy as np
 
 from examples.case_folder import PADDING, PADDING_EDGES, PER_WAVE, write_project
 from pyblast.blasts.hole_tables import read_blast
-from pyblast.project.result import write_bytes, write_text
+from pyblast.files import write_bytes, write_text
 from pyblast.recordings.seismic import mseed_bytes
 
 from .sites import BEFORE, DT, FURTHER, HIDDEN, tables_of

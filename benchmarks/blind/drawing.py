@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pyblast.project.result import plain
+from pyblast.files import plain
 
 from . import instruments, outside  # noqa: F401  fill EFFECTS
 from .case_files import write_asked, write_case

@@ -4,7 +4,7 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
-from pyblast.project.result import write_text
+from pyblast.files import write_text
 from verification.markdown import reflow
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from pyblast.diagnosis.thresholds import DECISIVE
-from pyblast.project.result import write_text
+from pyblast.files import write_text
 
 from .plan import FAMILY, NULLS
 from .right_model import motion_of, reductions, right

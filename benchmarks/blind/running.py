@@ -17,10 +17,9 @@ from pyblast.diagnosis.effects import (
 )
 from pyblast.diagnosis.forward import simulation_of
 from pyblast.diagnosis.hypotheses import blast_and_hole
+from pyblast.files import WHOLE, code_hash, plain
 from pyblast.model.model import Receiver
 from pyblast.project.project import Project, load_project, with_further
-from pyblast.project.result import plain
-from pyblast.runs.parallel import WHOLE, code_hash
 from pyblast.workflows.diagnose import diagnose
 
 from .case_files import read_asked
@@ -28,7 +27,7 @@ from .sealing import LOCKS, freeze
 from .sites import HIDDEN
 from .worlds import delayed
 
-BUDGET = 700  # runs
+MINUTES = 20.0  # of a processor
 DIAGNOSIS_SEED = 1
 
 
@@ -51,7 +50,7 @@ def answer(name: str, store: Path, seals: dict) -> str:
 def _answered(store, name):
     """Return the diagnosis of a case with its predictions."""
     project, runs = project_in(store, name), store / "runs" / name
-    made = diagnose(project, runs, budget=BUDGET, seed=DIAGNOSIS_SEED)
+    made = diagnose(project, runs, minutes=MINUTES, seed=DIAGNOSIS_SEED)
     summary = plain(made.summary)
     model, case, asked = summary["model"], made.scene.case, read_asked(store / "asked" / name)
     after = predictions(case, asked, model["values"], effects_of(model), runs)

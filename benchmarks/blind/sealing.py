@@ -6,7 +6,7 @@ import secrets
 from pathlib import Path
 
 from pyblast.errors import InputError
-from pyblast.project.result import write_text
+from pyblast.files import write_text
 
 SEALS, LOCKS = "seals.json", "locks"
 

@@ -39,8 +39,9 @@ from survey import (
     with_speeds,
 )
 
+from pyblast.files import code_hash
 from pyblast.project.reciprocity import Responses
-from pyblast.runs.parallel import code_hash, workers
+from pyblast.runs.parallel import workers
 
 TABLES = "block.toml", "drops.csv", "sensors.csv", "source_force.csv"
 CODE = "survey.py", "judge.py", "diagnose.py"

@@ -24,9 +24,10 @@ from pyblast import diagnose, predict
 from pyblast.config.config import check_config
 from pyblast.diagnosis import library  # noqa: F401  fills the library
 from pyblast.diagnosis.hypotheses import LIBRARY
+from pyblast.files import write_text
 from pyblast.inference.records import band_functions
 from pyblast.project.project import make_project
-from pyblast.project.result import write_csv, write_text
+from pyblast.project.result import write_csv
 from pyblast.recordings.recording import read_stations
 
 HERE = Path(__file__).resolve().parent

@@ -13,7 +13,8 @@ from pathlib import Path
 
 import numpy as np
 
-from pyblast.project.result import read_result, write_text
+from pyblast.files import write_text
+from pyblast.project.result import read_result
 
 HERE = Path(__file__).resolve().parent
 NUMBERS = HERE / "paper.json"

@@ -19,8 +19,9 @@ import numpy as np
 
 from pyblast import back_analyse
 from pyblast.config.config import check_config
+from pyblast.files import write_text
 from pyblast.project.project import make_project
-from pyblast.project.result import write_csv, write_text
+from pyblast.project.result import write_csv
 from pyblast.report import figures
 from pyblast.signals.spectra import dominant_frequency
 from pyblast.workflows.back_analysis import RESULT

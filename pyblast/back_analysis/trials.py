@@ -15,11 +15,11 @@ import numpy as np
 
 from ..core import BATCH_SIZE
 from ..errors import InputError, ReadError, SolverError
+from ..files import plain
 from ..inference.misfits import SIGNED, misfit_to
 from ..inference.parameter import Parameter, Problem, problem_of, set_all
 from ..inference.records import Records
 from ..project.project import Project
-from ..project.result import plain
 from ..runs.parallel import input_hash
 from ..signals.seismogram import Seismogram
 from ..signals.spectra import dominant_frequency

@@ -80,14 +80,14 @@ class PeaksOfLaw(PeakDistribution):
     def level(self, share: float) -> np.ndarray:
         """Return the peak in m/s that this share of further blasts stays below."""
         check_share(share)
-        away = scipy.stats.t.ppf(share, self.n_free)
+        away = scipy.special.stdtrit(self.n_free, share)
         return self.median * 10.0 ** (away * np.asarray(self.below if away < 0.0 else self.above))
 
     def share_below(self, limit: ArrayLike) -> np.ndarray:
         """Return the share of further blasts whose peak stays below a limit in m/s."""
         away = np.log10(np.asarray(limit, dtype=float) / self.median)
         side = np.where(away < 0.0, self.below, self.above)
-        return scipy.stats.t.cdf(away / side, self.n_free)
+        return scipy.special.stdtr(self.n_free, away / side)
 
 
 @dataclass(frozen=True, eq=False)

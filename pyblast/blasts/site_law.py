@@ -67,11 +67,12 @@ class SiteLaw:
 
         Without the uncertainty of k, beta and s, which ``peak(...).level(0.95)`` includes.
         """
-        return float(self.k * 10.0 ** (scipy.stats.norm.ppf(0.95) * self.s))
+        return float(self.k * 10.0 ** (scipy.special.ndtri(0.95) * self.s))
 
     def beta_interval(self, share: float = 0.90) -> tuple[float, float]:
         """Return the ends of the interval that holds beta with this probability."""
-        half = scipy.stats.t.ppf(0.5 + 0.5 * share, self.n_free) * self.s / math.sqrt(self.breadth)
+        away = scipy.special.stdtrit(self.n_free, 0.5 + 0.5 * share)
+        half = away * self.s / math.sqrt(self.breadth)
         return float(self.beta - half), float(self.beta + half)
 
     def peak(self, distance: ArrayLike, charge: ArrayLike) -> "PeaksOfSite":
@@ -301,7 +302,7 @@ def _expected_below(x, y, below):
         before, spread = spread, math.sqrt((np.sum(residual**2) + hidden) / (len(x) - 2))
         mean = start + slope * x[below]
         z = (level - mean) / max(spread, 1e-9)
-        tail = np.exp(scipy.stats.norm.logpdf(z) - scipy.stats.norm.logcdf(z))
+        tail = np.exp(-(z**2) / 2.0 - 0.5 * np.log(2.0 * np.pi) - scipy.special.log_ndtr(z))
         y[below] = mean - spread * tail
         hidden = float(np.sum(spread**2 * np.maximum(1.0 - z * tail - tail**2, 0.0)))
         if abs(spread - before) < SETTLED * spread:
@@ -329,7 +330,7 @@ def _outlier(x, y):
     others = (np.sum(residual**2) - residual**2 / free) / (n - 3)
     size = np.abs(residual) / np.sqrt(np.maximum(others, np.finfo(float).tiny) * free)
     worst = int(np.argmax(size))
-    if 2.0 * n * scipy.stats.t.sf(size[worst], n - 3) >= OUTLYING:
+    if 2.0 * n * scipy.special.stdtr(n - 3, -size[worst]) >= OUTLYING:
         return ""
     factor = residual[worst] / free[worst]
     return (
@@ -341,7 +342,7 @@ def _outlier(x, y):
 
 def _refuse_no_fall(slope, error, n, outlier):
     """Raise InputError unless the peaks decrease significantly with distance."""
-    if slope + scipy.stats.t.ppf(SURE, n - 2) * error >= 0.0:
+    if slope + scipy.special.stdtrit(n - 2, SURE) * error >= 0.0:
         raise InputError(
             f"site law: log PPV changes by {slope:.2f} +- {error:.2f} for each factor of ten of "
             "scaled distance, so it may not fall at all; a wider range of distances and charges "
@@ -362,7 +363,7 @@ def _notes(x, y, r2):
     bent, residual = np.linalg.lstsq(columns, y, rcond=None)[:2]
     if len(residual) and residual[0] > 0.0:
         error = math.sqrt(residual[0] / (len(x) - 3) * np.linalg.inv(columns.T @ columns)[0, 0])
-        if 2.0 * scipy.stats.t.sf(abs(bent[0]) / error, len(x) - 3) < CURVED:
+        if 2.0 * scipy.special.stdtr(len(x) - 3, -abs(bent[0]) / error) < CURVED:
             notes.append("the records bend away from a straight line; fit near and far apart")
     return tuple(notes)
 

@@ -75,9 +75,7 @@ class ParameterConfig(Section):
     laboratory: Span | None = None
 
 
-Candidates = Annotated[
-    list[Annotated[int, Field(ge=1, le=100)]], Field(min_length=2, max_length=2)
-]
+Candidates = Annotated[list[Annotated[int, Field(ge=1, le=100)]], Field(min_length=2, max_length=2)]
 
 
 class BackAnalysisConfig(Section):

@@ -12,11 +12,10 @@ from ..ground.tables import is_anisotropic
 from ..simulation.simulation import Simulation
 from .cross_validation import CrossValidation, cross_validate
 from .effects import Scene
-from .fitting import Fit, corrected, fit
+from .fitting import Fit, corrected, fit, not_improved
 from .search import Search, material, worst
 from .thresholds import (
     FAR_OFF,
-    LARGE,
     LEAD,
     MESH_CHANGE,
     MOST_EXPLAINED,
@@ -140,25 +139,6 @@ def undecided(search: Search) -> Decision:
     far = np.max(np.abs(without.values / search.scene.baseline.sigma), initial=0.0) > FAR_OFF
     outcome = "UNKNOWN" if scored or far or material(without.chi_square) else "NULL"
     return Decision(outcome, without, (), _probabilities(search), 0.0, None)
-
-
-def not_improved(scene: Scene, before: Fit, after: Fit) -> tuple[str, ...]:
-    """Return a sentence for each large blast of which a fit explains less than another.
-
-    Large are those of at least `LARGE` of the largest charge.
-    """
-    case = scene.case
-    charge = np.array([np.nansum(case.project.blasts[name].charge) for name in case.blasts])
-    remaining = [np.sum(fit.chi_square * scene.baseline.usual, axis=1) for fit in (before, after)]
-    recorded = np.sum(case.band.project(case.residual(0.0)) ** 2, axis=(1, 2, 3))
-    return tuple(
-        f"blast {name}: {100.0 * more / whole:.1f} % of its energy remain, "
-        f"{100.0 * less / whole:.1f} % without the effect"
-        for name, size, less, more, whole in zip(
-            case.blasts, charge, *remaining, recorded, strict=True
-        )
-        if size >= LARGE * charge.max() and more > less
-    )  # fmt: skip
 
 
 def beside_held_out(decision: Decision, held_out: dict | None) -> Decision:

@@ -50,7 +50,9 @@ def noise_energy(case: Case) -> np.ndarray:
 
 
 def learned_error(
-    case: Case, parameters: Sequence[Parameter], around: tuple[np.ndarray, ...],
+    case: Case,
+    parameters: Sequence[Parameter],
+    around: tuple[np.ndarray, ...],
     late_holes: Mapping[int, np.ndarray] | None = None,
 ) -> ErrorModel:
     """Build the error of a prediction of a case around a motion, but for what is calibrated.

@@ -162,7 +162,7 @@ def diagnosis_lines(summary: Mapping) -> list[str]:
         lines.append("  no record could be held out to test it")
     lines += [f"  it fails: {sentence}" for sentence in summary["fails"]]
     if not summary["finished"]:
-        lines.append("  the budget of runs ended before all effects were tried")
+        lines.append("  the budget ended before all effects were tried")
     return [*lines, f"  next: {summary['next_measurement']}"]
 
 
@@ -352,7 +352,7 @@ def _not_scored(search, label):
     scored = {member.label for member in search.scores.members}
     if label in scored.union(*(fit.labels for fit in search.fits)):
         return ""
-    ended = "the budget of runs ended before it was tried"
+    ended = "the budget ended before it was tried"
     return "it is impossible at this site, or changes no record" if search.finished else ended
 
 

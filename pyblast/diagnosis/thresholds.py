@@ -121,10 +121,13 @@ MOST_EXPLAINED = _enter(
     "not count", RIGHT,
 )  # fmt: skip
 MOST_EFFECTS = _enter("MOST_EFFECTS", 3, "", "Effects at once", "assumed")
-MOST_WORK = _enter(
-    "MOST_WORK", 15.0, "work of the reference",
-    "Work of a run, nodes over time step, above which an effect is not tried",
-    "a soft layer of 1 m takes 12 times; slivers of a site took 180 to 3,700 times",
+DEAREST = _enter(
+    "DEAREST", 0.1, "budget that is left",
+    "Work of the runs of one effect above which it is not tried",
+    "a soft layer of 1 m takes 12 times the reference; slivers of a site took 180 to 3,700 times",
+)  # fmt: skip
+ORDINARY = _enter(
+    "ORDINARY", 3.0, "runs of the reference", "Price of a run that is never too dear", "assumed",
 )  # fmt: skip
 # Cross-validation
 LEAST_LOSS = _enter(

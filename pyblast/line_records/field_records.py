@@ -21,7 +21,7 @@ from ..recordings.seismic import FORMATS, quantity_of, read_traces
 from ..units import FACTORS, split_key
 
 METRES_PER_DEGREE = 111_195.0
-NOT_RECORDS = {".md", ".txt", ".pdf", ".toml", ".json", ".html", ".sgt", ".py", ".h5", ""}
+NOT_RECORDS = {".md", ".pdf", ".toml", ".json", ".html", ".sgt", ".py", ".h5", ""}
 TEXTS = ("kind", "name", "file", "line", "sensor")
 
 

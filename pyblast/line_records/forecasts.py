@@ -44,11 +44,14 @@ class Forecasts:
             float(self.n_free[blast, station]), charge, float(self.exponent[blast]),
         )  # fmt: skip
 
+    def half(self, share: float = BAND) -> np.ndarray:
+        """Return half the width of the central bands, log10."""
+        return scipy.special.stdtrit(self.n_free, 0.5 + 0.5 * share) * self.spread
+
     def inside(self, values: np.ndarray, share: float = BAND) -> np.ndarray:
         """Return whether log10 of the values lies in the central band, NaN where unknown."""
-        half = scipy.stats.t.ppf(0.5 + 0.5 * share, self.n_free) * self.spread
         away = np.abs(values - self.mean)
-        return np.where(np.isfinite(away), away <= half, np.nan)
+        return np.where(np.isfinite(away), away <= self.half(share), np.nan)
 
 
 def forecasts(
@@ -115,6 +118,26 @@ def forecasts(
     return Forecasts(mean, spread, n_free, exponent)
 
 
+def trend(times: np.ndarray, values: np.ndarray, share: float = BAND) -> tuple[float, float]:
+    """Return the slope of values over time, and half the width of its interval.
+
+    NaN with fewer than 5 values or at one time.
+
+    Examples
+    --------
+    >>> [round(end, 3) for end in trend(np.arange(6.0), np.array([0, 1, 2, 3, 4, 5.5]))]
+    [1.071, 0.088]
+    """
+    away = times - times.mean()
+    breadth = float(away @ away)
+    if len(times) < FEWEST or breadth == 0.0:
+        return math.nan, math.nan
+    slope = float(away @ values) / breadth
+    rest = values - values.mean() - slope * away
+    error = math.sqrt(float(rest @ rest) / (len(times) - 2) / breadth)
+    return slope, float(scipy.special.stdtrit(len(times) - 2, 0.5 + 0.5 * share)) * error
+
+
 def share_interval(count: int, total: int, share: float = BAND) -> tuple[float, float]:
     """Return the interval of a share of which ``count`` of ``total`` were seen.
 
@@ -126,8 +149,8 @@ def share_interval(count: int, total: int, share: float = BAND) -> tuple[float, 
     [0.784, 0.997]
     """
     tail = 0.5 - 0.5 * share
-    low = scipy.stats.beta.ppf(tail, count, total - count + 1) if count else 0.0
-    high = scipy.stats.beta.ppf(1.0 - tail, count + 1, total - count) if count < total else 1.0
+    low = scipy.special.betaincinv(count, total - count + 1, tail) if count else 0.0
+    high = scipy.special.betaincinv(count + 1, total - count, 1.0 - tail) if count < total else 1.0
     return float(low), float(high)
 
 

@@ -5,15 +5,17 @@ import re
 import warnings
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from datetime import UTC, datetime
+from contextlib import suppress
+from dataclasses import dataclass, field
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 import numpy as np
 
+from ..blasts.blast import Blast
 from ..blasts.compliance import ComponentPeaks
 from ..blasts.hole_tables import read_blast
-from ..errors import InputError, ReadError
+from ..errors import InputError, PyblastError, ReadError
 from ..readers.cells import wanted_by
 from ..readers.provenance import ReadLog
 from ..readers.tables import Table, read_table
@@ -26,7 +28,10 @@ APART = 60.0  # s by which the nearest of two blasts must be nearer
 HOURS = (0, 1, -1, 2, -2, *range(3, 13), *range(-3, -13, -1))  # clocks in another time zone
 SURER, FEWEST = 1.5, 3  # times as many records as by its own time, and how many, that show it
 ENERGY = 0.05, 0.95  # shares of the energy between which a record lasts
-FORMATS = "%d.%m.%Y %H:%M:%S", "%d.%m.%Y %H:%M", "%d.%m.%Y", "%Y/%m/%d %H:%M:%S", "%Y/%m/%d %H:%M"
+DATES = "%Y-%m-%d", "%d.%m.%Y", "%Y/%m/%d", "%d-%b-%Y", "%d %b %Y", "%d %B %Y", "%Y%m%d"
+_CLOCK = (r"(.*?)(?:[T ]+(\d{1,2})[:.](\d\d)(?:[:.](\d\d(?:\.\d+)?))?\s*(?:([AaPp])[Mm])?"
+          r"(Z|[+-]\d\d:?\d\d)?)?")  # fmt: skip
+_SLASHES = r"(\d{1,2})/(\d{1,2})/\d{4}"
 PRACTICE = "bench", "explosive", "delays"  # what a log says beside time, place and charge
 
 
@@ -47,6 +52,8 @@ class LoggedBlast:
         Texts of the columns bench, explosive and delays, as far as the log has them.
     holes : str
         File of its hole table beside the log, or "".
+    plan : Blast or None
+        That table.
     """
 
     name: str
@@ -55,6 +62,11 @@ class LoggedBlast:
     charge: float
     practice: Mapping[str, str]
     holes: str = ""
+    plan: Blast | None = field(default=None, repr=False, compare=False)
+
+    def table(self) -> dict:
+        """Return the blast as plain values."""
+        return {key: value for key, value in vars(self).items() if key != "plan"}
 
     @property
     def has_clock(self) -> bool:
@@ -212,11 +224,18 @@ def read_peaks(path: Path, name: str) -> list[RecordPeaks]:
     ReadError, InputError
         With the reason where none can be joined to a blast.
     """
+    recordings, notes = read_quietly(path)
+    return [record_peaks(name, recording, notes) for recording in recordings]
+
+
+def read_quietly(path: Path) -> tuple[list[Recording], tuple[str, ...]]:
+    """Read the recordings of a file, with what the reader warns of."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         recordings = read_recording(path)
-    notes = tuple(str(note.message).removeprefix(f"{path}").lstrip(":, ") for note in caught)
-    return [record_peaks(name, recording, notes) for recording in recordings]
+    return recordings, tuple(
+        str(note.message).removeprefix(f"{path}").lstrip(":, ") for note in caught
+    )
 
 
 def read_log(path: Path, log: ReadLog | None = None) -> list[LoggedBlast]:
@@ -241,7 +260,7 @@ def read_log(path: Path, log: ReadLog | None = None) -> list[LoggedBlast]:
         If a column, a date or a hole table is missing or can't be read, or a name stands twice.
     """
     table = read_table(path, wanted_by("log"), None, log, kind="log of blasts")
-    blasts = []
+    blasts, slashed = [], _slashed(table.values["date"])
     for k, line in enumerate(table.lines):
         text = " ".join(filter(None, (_text(table, name, k) for name in ("date", "clock"))))
         charge, position = _value(table, "charge", k), _position(table, k)
@@ -249,14 +268,26 @@ def read_log(path: Path, log: ReadLog | None = None) -> list[LoggedBlast]:
             raise InputError(
                 f"{table.where}, line {line}, charge: must be positive, got {charge:g}"
             )
+        plan = None
         if holes := _text(table, "holes", k):
-            blast = read_blast(Path(path).parent / holes, log=log)
-            charge = blast.charge_per_window() if math.isnan(charge) else charge
-            position = tuple(blast.centres.mean(axis=0)) if math.isnan(position[0]) else position
+            try:
+                plan = read_blast(Path(path).parent / holes, log=log)
+            except PyblastError as error:
+                raise ReadError(f"{table.where}, line {line}, holes: {error}") from None
+            charge = plan.charge_per_window() if math.isnan(charge) else charge
+            position = tuple(plan.centres.mean(axis=0)) if math.isnan(position[0]) else position
         practice = {n: _text(table, n, k) for n in PRACTICE if n in table.values}
         name = _text(table, "name", k) or str(k + 1)
         blasts.append(
-            LoggedBlast(name, _instant(table.where, line, text), position, charge, practice, holes)
+            LoggedBlast(
+                name,
+                _instant(table.where, line, text, slashed),
+                position,
+                charge,
+                practice,
+                holes,
+                plan,
+            )
         )
     _refuse_repeated(table.where, "blast", [blast.name for blast in blasts])
     return sorted(blasts, key=lambda blast: blast.time)
@@ -307,24 +338,36 @@ def _position(table: Table, k) -> tuple[float, float, float]:
     return x, y, 0.0 if math.isnan(z) else z
 
 
-def _instant(where, line, text) -> str:
-    """Return a date with or without time of day in ISO form."""
-    try:
-        when = datetime.fromisoformat(text)
-    except ValueError:
-        when = None
-        for layout in FORMATS:
-            try:
-                when = datetime.strptime(text, layout)
-            except ValueError:
-                continue
-            break
-    if when is None:
-        raise ReadError(
-            f"{where}, line {line}, date: expected one such as 2026-03-14 11:02, got {text[:40]!r}"
-        )
-    whole = when.replace(tzinfo=None).isoformat()
-    return whole if ":" in text else whole[: len("2000-01-01")]
+def _instant(where, line, text, slashed) -> str:
+    """Return a date with or without time of day in ISO form; ``slashed`` reads 3/14/2026."""
+    day, hour, minute, second, half, _ = re.fullmatch(_CLOCK, text.strip()).groups()
+    for layout in DATES if len(slashed) > 1 else (*DATES, *slashed):
+        with suppress(ValueError):
+            when = datetime.strptime(day, layout)
+            if hour is None:
+                return when.date().isoformat()
+            hours = int(hour) % 12 + 12 * (half in ("p", "P")) if half else int(hour)
+            clock = timedelta(hours=hours, minutes=int(minute), seconds=float(second or 0.0))
+            if clock < timedelta(days=1):
+                return (when + clock).isoformat()
+    why = ""
+    if re.fullmatch(_SLASHES, day):
+        why = (
+            "; dates of the log stand in both orders" if slashed
+            else "; no date of the log says whether day or month comes first"
+        )  # fmt: skip
+    raise ReadError(
+        f"{where}, line {line}, date: expected one such as 2026-03-14 11:02, got {text[:40]!r}{why}"
+    )
+
+
+def _slashed(texts) -> list[str]:
+    """Return in which order dates with slashes stand, none where all may be read both ways."""
+    pairs = [(int(m[1]), int(m[2])) for m in map(re.compile(_SLASHES).match, texts) if m]
+    return [
+        layout for k, layout in enumerate(("%d/%m/%Y", "%m/%d/%Y"))
+        if any(pair[k] > 12 for pair in pairs)
+    ]  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)

@@ -166,7 +166,11 @@ def _numbered(mesh: Mesh) -> tuple:
     places = mesh.node_places.reshape(-1, 3)
     points = np.empty((count, 3))
     points[number[::-1]] = places[::-1]  # the first zone of a node places it
-    order = np.argsort(morton_keys(points), kind="stable")
+    centres = mesh.node_places.mean(axis=1)
+    inside = np.zeros(centres.shape) if mesh.layer is None else mesh.layer.depths(centres)
+    along = np.lexsort((morton_keys(centres), mesh.zone_group, (inside > 0.0) @ [1, 2, 4]))
+    met, first_met = np.unique(number.reshape(-1, size)[along].ravel(), return_index=True)
+    order = met[np.argsort(first_met)]
     rank = np.empty(count, dtype=np.int32)
     rank[order] = np.arange(count, dtype=np.int32)
     zone_nodes = rank[number].reshape(-1, size)

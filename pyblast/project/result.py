@@ -2,16 +2,14 @@
 
 import json
 import math
-import os
-from contextlib import suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from ..blasts.compliance import METHOD, OF_WALLS, ORIENTATION, assess_all, conclusion
 from ..errors import Finding, ReadError
+from ..files import plain, versions, write_text
 from ..ground.tables import joint_of_surface
 from ..model.boundary import kinds_of
 from ..model.material import ConstantQ
@@ -22,7 +20,6 @@ from ..signals.spectra import dominant_frequency, significant_duration, zero_cro
 from ..solver.injection import injected_sources
 from ..solver.model_file import read_arrays, write_arrays
 from ..solver.moment_density import source_radii
-from ..solver.preparation import versions
 from ..units import plain_number
 from . import level
 from .places import blast_table, extent_of, house_positions, source_names, undamped_plane
@@ -173,41 +170,6 @@ def read_result(path) -> Result:
     return Result(arrays, summary)
 
 
-def write_text(path, text):
-    """Write a text file atomically."""
-    write_bytes(path, text.encode("utf-8", "replace"))  # a name may hold half a letter
-
-
-def write_bytes(path, content):
-    """Write a file atomically: to a temporary file, flushed and renamed.
-
-    A folder that is gone is made again; letters that the file system lacks become underscores.
-    """
-    path = Path(path)
-    try:
-        os.fsencode(path)
-    except UnicodeEncodeError:
-        path = path.with_name(path.name.encode("ascii", "replace").decode().replace("?", "_"))
-    beside = path.with_name(f".{path.name}.{os.getpid()}.part")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with beside.open("wb") as file:
-            file.write(content)
-            file.flush()
-            os.fsync(file.fileno())
-        beside.replace(path)
-    except OSError as error:
-        raise ReadError(f"{path}: can't be written ({error.strerror or error})") from None
-    finally:
-        with suppress(OSError):
-            beside.unlink()
-
-
-def write_summary(path, summary):
-    """Write the summary as indented JSON."""
-    write_text(path, json.dumps(plain(summary), indent=1) + "\n")
-
-
 def write_csv(path, seismogram):
     """Write a seismogram as a table in m/s that `read_recording` reads again.
 
@@ -220,21 +182,6 @@ def write_csv(path, seismogram):
     rows = np.column_stack([seismogram.times, seismogram.velocity])
     lines = [",".join(f"{value:.9g}" for value in row) for row in rows]
     write_text(path, "\n".join([",".join(heads), *lines, *comment]) + "\n")
-
-
-def plain(value) -> Any:
-    """Convert numpy numbers and arrays for JSON; NaN and infinity become null."""
-    if isinstance(value, dict):
-        return {str(key): plain(item) for key, item in value.items()}
-    if isinstance(value, (list, tuple, np.ndarray)):
-        return [plain(item) for item in value]
-    if isinstance(value, (bool, np.bool_)):
-        return bool(value)
-    if isinstance(value, (int, np.integer)):
-        return int(value)
-    if isinstance(value, (float, np.floating)):
-        return float(value) if np.isfinite(value) else None
-    return value
 
 
 def summarise_run(project, checked, run, simulated, comparisons):

@@ -254,7 +254,7 @@ def number_format(
     """
     clear: dict[tuple[str, bool], str] = {}  # (mark, whether it is decimal): example
     open_: dict[str, str] = {}
-    commas, points = (any(m in text for texts in columns for text in texts) for m in ",.")
+    commas, points = (any(m in "\n".join(texts) for texts in columns) for m in ",.")
     for texts in columns:
         whole, own = False, {}
         for cell in texts:
@@ -357,10 +357,11 @@ def read_columns(
 
 def numbers_of(texts, form, where_of):
     """Return finite numbers of a column; ``where_of`` names the row of a message."""
-    if not form.thousands and not any("_" in text for text in texts):
+    if not form.thousands and "_" not in "\n".join(texts):
         try:
-            plain = [text.replace(form.decimal, ".") for text in texts]
-            values = np.array(plain, dtype=float)
+            point = form.decimal == "."
+            plain = texts if point else [text.replace(form.decimal, ".") for text in texts]
+            values = np.array(list(map(float, plain)))
         except ValueError:
             values = np.array([np.nan])
         if np.isfinite(values).all():

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.integrate import cumulative_simpson
+import scipy
 
 from ..errors import InputError, ReadError
 from ..readers.cells import NumberFormat, number, plain_word, unit_factor, unit_name
@@ -148,7 +148,7 @@ def integrated_to_velocity(acceleration: np.ndarray, dt: float) -> tuple[np.ndar
     dt : float, s
     """
     level = acceleration.mean()
-    velocity = cumulative_simpson(acceleration - level, dx=dt, initial=0.0)
+    velocity = scipy.integrate.cumulative_simpson(acceleration - level, dx=dt, initial=0.0)
     return velocity, f"integrated from acceleration less its mean of {level:.3g} m/s2"
 
 

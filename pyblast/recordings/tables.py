@@ -245,11 +245,14 @@ def _samples(path, lines, titles, delimiter, entry):
 
     Rows of words above and below the samples are none.
     """
+    blank = f"{delimiter} \t"
     rows = [
-        (n, [cell.strip('"') for cell in split_line(path, n, line, delimiter)])
+        (n, split_line(path, n, line, delimiter))
         for n, line in enumerate(lines[titles + 1 :], titles + 2)
-        if line.strip(f"{delimiter} \t")
+        if line.strip(blank)
     ]
+    if any('"' in line for line in lines[titles + 1 :]):
+        rows = [(n, [cell.strip('"') for cell in cells]) for n, cells in rows]
     units = []
     while rows and not any(map(is_number, rows[0][1])):
         units += filter(unit_name, (cell.strip("[]()") for cell in rows.pop(0)[1]))

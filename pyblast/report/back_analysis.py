@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ..project.result import plain, write_text
+from ..files import plain, write_text
 from . import figures
 from .pages import page
 from .plots import INK, SIMULATED, axis_of, dots, line, page_plot, panel

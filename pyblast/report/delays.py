@@ -3,7 +3,7 @@
 import numpy as np
 
 from ..blasts.blast import CHARGE_WINDOW
-from ..project.result import plain, write_text
+from ..files import plain, write_text
 from ..units import plain_number
 from .pages import page
 from .plots import INK, SIMULATED, axis_of, dots, line, page_plot, panel, segments

@@ -26,8 +26,8 @@ from ..diagnosis.thresholds import (
     MESH_SHARE,
 )
 from ..errors import contained
+from ..files import plain, write_text
 from ..ground.tables import quality_of
-from ..project.result import plain, write_text
 from ..units import FACTORS, plain_number
 from .diagnosis_figures import (
     BEFORE,
@@ -161,7 +161,7 @@ def _answer(diagnosis, summary):
             )
         which = "every effect of the library was scored"
         if not summary["finished"]:
-            which = "the effects that the budget of runs sufficed for were scored"
+            which = "the effects that the budget sufficed for were scored"
         return (
             f"Nothing is missing that these records could show: {which}, and none is above what "
             "the error explains. What would have been detected is listed below."
@@ -190,7 +190,7 @@ def _answer(diagnosis, summary):
     elif outcome == "PARTIAL" and _more_remains(diagnosis):
         basis += f" But something else is missing{_near(summary['remainder'])}."
     elif outcome == "PARTIAL" and not summary["finished"]:
-        basis += " But the budget of runs ended before all other effects were tried."
+        basis += " But the budget ended before all other effects were tried."
     return " ".join([*sentences, basis])
 
 
@@ -224,7 +224,7 @@ def _why_not(summary):
     if not evidence["ranking"]:
         return "these records can test no effect of the library, so none was tried"
     if tested is None and not summary["finished"]:
-        return "the budget of runs ended before all effects of the library were tried"
+        return "the budget ended before all effects of the library were tried"
     if tested is None:
         return "nothing in the library explains it"
     reason = "does not predict held-out records"
@@ -470,7 +470,7 @@ def assumptions(diagnosis: Diagnosed, summary: dict) -> list[str]:
         names = joined_by_and(summary["data_quality"]["receivers_without_records"])
         sentences.append(f"Receivers without records are not used: {names}.")
     if not summary["finished"]:
-        sentences.append("The budget of runs ended before the search was complete.")
+        sentences.append("The budget ended before the search was complete.")
     return sentences
 
 

@@ -10,8 +10,8 @@ from matplotlib.tri import Triangulation
 from PIL import Image
 
 from ..errors import InputError
+from ..files import write_bytes, write_text
 from ..mesh.faces import faces_of_skin, zone_faces
-from ..project.result import write_bytes, write_text
 from . import figures
 from .maps import levels_of, shown_surface, traces, upward
 

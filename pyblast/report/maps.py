@@ -10,12 +10,12 @@ from matplotlib.patches import Rectangle
 from matplotlib.tri import Triangulation
 
 from ..errors import ReadError
+from ..files import write_text
 from ..mesh.faces import face_table, face_vectors, pair_faces, zone_of_face
 from ..mesh.hexahedra import face_nodes
 from ..mesh.mesh import zone_edge_lengths
 from ..mesh.quality import count_blocks
 from ..project.checks_ground import frequency_of_edge
-from ..project.result import write_text
 from ..solver.initial_stress import yield_states
 from ..units import plain_number
 from . import figures

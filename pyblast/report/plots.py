@@ -6,7 +6,7 @@ the page draws it as SVG with values under the pointer; without the script a tab
 
 import numpy as np
 
-from ..project.result import plain
+from ..files import plain
 from ..units import plain_number
 
 INK, RECORDED, SIMULATED, FAULT = "#2b2b2b", "#2b2b2b", "#c2410c", "#b91c1c"

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
+from ..files import write_text
 from ..line_records.shots import ShotGather
 from ..line_records.waves import Picks, rayleigh_speeds
-from ..project.result import write_text
 from .figures import _figure, _tidy, _uri
 from .pages import page
 from .plots import FAULT, INK, RECORDED, SIMULATED

@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from ..blasts.compliance import ORIENTATION, explain, share_at_level, unsigned
-from ..project.result import Result, plain, write_text
+from ..files import plain, write_text
+from ..project.result import Result
 from ..signals.comparison import load_limits
 from ..units import plain_number
 from . import figures, maps

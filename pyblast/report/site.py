@@ -5,8 +5,8 @@ from pathlib import Path
 
 import numpy as np
 
+from ..files import write_text
 from ..line_records.changes import WORDS
-from ..project.result import write_text
 from ..signals.comparison import load_limits
 from ..units import plain_number
 from .pages import page
@@ -24,7 +24,12 @@ from .plots import (
 )
 
 SHOWN = 40  # records of the table on the page, the latest
+FILES = 6  # of which the page says what was read: log, stations, hole tables
 NAMED = 6  # refused files whose reasons the terminal shows
+METHODS = {
+    "law": "by the law", "superposition": "by superposed holes",
+    "model": "by the model",
+}  # fmt: skip
 COLOURS = RECORDED, SIMULATED, "#0f766e", "#7c3aed", "#b45309", "#475569"
 
 
@@ -69,6 +74,7 @@ def _sections(summary):
         ],
         "Site law": laws,
         "Changes": [_change_words(row) for row in summary["changes"]],
+        "Model": _model_lines(summary),
         "Forecasts": _forecast_lines(summary),
         "Limit of a share of blasts": _statistical_lines(summary["statistical"]),
     }  # fmt: skip
@@ -141,26 +147,52 @@ def _step_words(row):
 
 def _forecast_lines(summary):
     """Return the forecasts of planned blasts, and how the earlier ones came out."""
-    lines = []
+    lines, planned = [], {}
     for row in summary["forecasts"]:
-        low, high = row["band"]
-        text = (
-            f"forecast of {row['blast']} at {row['station']}: {1e3 * row['median']:.3g} mm/s, "
-            f"90 % between {1e3 * low:.3g} and {1e3 * high:.3g}"
-        )
-        if row.get("limit") is not None:
-            text += (
-                f"; at {row['frequency']:.3g} Hz {100 * row['share_below_limit']:.3g} % of such "
-                f"blasts stay below {1e3 * row['limit']:.3g} mm/s"
+        planned.setdefault((row["blast"], row["station"]), []).append(row)
+    for (blast, station), rows in planned.items():
+        each = "; ".join(f"{METHODS[row['method']]} {_band_words(row)}" for row in rows)
+        lines.append(f"forecast of {blast} at {station}: {each}")
+    for method, coverage in summary["coverage"].items():
+        if coverage["forecasts"]:
+            low, high = coverage["interval"]
+            lines.append(
+                f"of {coverage['forecasts']} forecasts {METHODS[method]} from earlier blasts, "
+                f"{100 * coverage['inside'] / coverage['forecasts']:.3g} % ({100 * low:.3g} to "
+                f"{100 * high:.3g}) of the peaks came inside the 90 % band, a factor of "
+                f"{coverage['factor']:.2g} up and down"
             )
-        lines.append(text)
-    coverage = summary["coverage"]
-    if coverage["forecasts"]:
-        low, high = coverage["interval"]
+    return lines
+
+
+def _band_words(row):
+    """Return a forecast in words: peak, frequency and limit with their bands."""
+    low, high = row["band"]
+    text = f"{1e3 * row['median']:.3g} mm/s (90 % between {1e3 * low:.3g} and {1e3 * high:.3g})"
+    if row.get("limit") is not None:
+        low, high = row["frequency_band"]
+        text += (
+            f" at {row['frequency']:.3g} Hz ({low:.3g} to {high:.3g}), "
+            f"{100 * row['share_below_limit']:.3g} % of such blasts below the "
+            f"{1e3 * row['limit']:.3g} mm/s of the limit"
+        )
+    return text
+
+
+def _model_lines(summary):
+    """Return how records compare with the model, and which command looks for the cause."""
+    lines = [
+        f"{row['station']}: {row['median']:.2g} times the model, median of {row['records']} records"
+        + ("" if row["per_year"] is None else
+           f"; it changes by a factor of {row['per_year']:.2f} a year ({row['per_year_90'][0]:.2f} "
+           f"to {row['per_year_90'][1]:.2f})")
+        for row in summary["model"]
+    ]  # fmt: skip
+    if summary["projects"] and summary["changes"]:
+        first = summary["changes"][-1]["blast"]
         lines.append(
-            f"of {coverage['forecasts']} forecasts by the blasts before alone, "
-            f"{100 * coverage['inside'] / coverage['forecasts']:.3g} % ({100 * low:.3g} to "
-            f"{100 * high:.3g}) of the peaks came inside the 90 % band"
+            f"something changed; which physics the model lacks since then says pyblast diagnose "
+            f"{summary['projects'][0]}, with records of blasts from {first} on"
         )
     return lines
 
@@ -202,7 +234,8 @@ def write_site_report(path: str | Path, summary: dict) -> None:
     over = any((row.get("share") or 0.0) > 1.0 or (row["air_share"] or 0.0) > 1.0
                for row in summary["records"])  # fmt: skip
     text = page("site.html").render(
-        s=summary, sections=_sections(summary), over=over, figures=_figures(summary), shown=SHOWN,
+        s=summary | {"inputs": summary["inputs"][:FILES]}, sections=_sections(summary), over=over,
+        figures=_figures(summary), shown=SHOWN, methods=METHODS, n_inputs=len(summary["inputs"]),
         curve=load_limits()[summary["limit_curve"]],
     )  # fmt: skip
     write_text(path, text)
@@ -220,6 +253,12 @@ def _figures(summary):
         "caption": "Each record over what distance, charge and the usual level of its station let "
         "expect: level of all channels, and vertical over horizontal. Upright lines: changes.",
     })  # fmt: skip
+    if summary["model"]:
+        figures.append({
+            "title": "Records over the model", "image": _over_model(summary),
+            "caption": "Largest peak of each record over that of the model for its hole table. "
+            "Upright lines: changes.",
+        })  # fmt: skip
     for key, label, words in (
         ("law", "peak velocity [mm/s]", "peak velocity"),
         ("air_law", "overpressure [Pa]", "air overpressure"),
@@ -286,15 +325,26 @@ def _over_time(summary):
 
 def _charts(summary):
     """Plot the control charts of all stations, with the dates of changes."""
+    series = ("level", "level", RECORDED), ("channel_ratio", "vertical over horizontal", SIMULATED)
+    return page_plot("control charts", *_panels(summary, summary["charts"], series))
+
+
+def _over_model(summary):
+    """Plot the records of all stations over the model, with the dates of changes."""
+    series = (("factor", "record over model", RECORDED),)
+    return page_plot("records over the model", *_panels(summary, summary["model"], series))
+
+
+def _panels(summary, charts, series):
+    """Return a panel for each chart of a station over time, with the dates of changes."""
     (first, axis), panels = time_axis(summary), []
     times = days((blast["time"] for blast in summary["blasts"]), first)
     names = [_named(blast["name"], blast["time"]) for blast in summary["blasts"]]
-    for chart in summary["charts"]:
+    for chart in charts:
         marks = [
             dots(times, [np.nan if v is None else v for v in chart[key]], words, colour, radius=2.5,
                  text=names, quiet=True)
-            for key, words, colour in (("level", "level", RECORDED),
-                                       ("channel_ratio", "vertical over horizontal", SIMULATED))
+            for key, words, colour in series
         ]  # fmt: skip
         for change in summary["changes"]:
             if change["station"] in (None, chart["station"]):
@@ -302,7 +352,7 @@ def _charts(summary):
                 text = [f"since {change['blast']}"]
                 marks.append(segments(at, [0.4], at, [2.5], None, FAULT, text=text))
         panels.append(panel(axis, axis_of(f"{chart['station']}: factor", log=True), marks, 220))
-    return page_plot("control charts", *panels)
+    return panels
 
 
 def _law_plot(summary, key, label):

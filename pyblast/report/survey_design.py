@@ -6,7 +6,7 @@ from dataclasses import asdict
 import numpy as np
 
 from ..back_analysis.parameters import range_of
-from ..project.result import plain, write_text
+from ..files import plain, write_text
 from .figures import _figure, _short, _tidy, _uri
 from .pages import page
 from .plots import INK, SIMULATED, axis_of, dots, line, page_plot, panel, segments

@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial import cKDTree
 
+from ..files import plain
 from ..mesh.faces import face_vectors, faces_of_skin, zone_faces
 from ..model.boundary import kinds_of
 from ..model.model import Model
@@ -19,7 +20,7 @@ from ..model.source import MomentTensor, PointForce
 from ..project.checks import Check
 from ..project.places import blast_table, extent_of
 from ..project.project import Project
-from ..project.result import Result, plain
+from ..project.result import Result
 from ..units import plain_number
 from .maps import UPWARD, shown_surface, zone_fields
 from .pages import page

@@ -5,13 +5,11 @@ import json
 import logging
 import os
 import signal
-import sys
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Executor, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import lru_cache
 from multiprocessing import get_context
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -19,11 +17,11 @@ from threading import Thread
 from typing import Any
 
 import numpy as np
-import scipy
 
 from .. import core
 from ..core import JOINT_LAWS, LEAST_SHARED
 from ..errors import InputError, LostProcessError, ReadError, SolverError
+from ..files import code_hash
 from ..laws import of_laws
 from ..mesh.nodes import feed
 from ..model.model import Model
@@ -32,11 +30,6 @@ from ..solver.assembly import initial_state
 from ..solver.model_file import read_arrays, write_arrays
 from ..solver.preparation import LEDGER_EVERY, Prepared
 from ..solver.run import Run, simulate
-
-PACKAGE = Path(__file__).parents[1]
-# Code that a run depends on, and all code: paths within the package.
-RUN_CODE = ("core.py", "signals", "mesh", "model", "solver", "runs")
-WHOLE = ("",)
 
 
 def input_hash(*inputs: Any) -> str:
@@ -54,32 +47,6 @@ def input_hash(*inputs: Any) -> str:
     digest = hashlib.sha256(code_hash().encode())
     feed(digest, inputs, "input")
     return digest.hexdigest()
-
-
-@lru_cache
-def code_hash(paths: tuple[str, ...] = RUN_CODE) -> str:
-    """Return the SHA-256 of code and its tables, of the core, and of numpy's and scipy's version.
-
-    Parameters
-    ----------
-    paths : tuple of str
-        Modules and packages within pyblast.
-    """
-    digest = hashlib.sha256(f"numpy {np.__version__} scipy {scipy.__version__}".encode())
-    files = [file for name in paths for file in _modules(PACKAGE / name)]
-    core_file = sys.modules["pyblast._core"].__file__ or ""  # the others are of its source
-    for file in [*files, Path(core_file)]:
-        if file.is_file():
-            digest.update(file.name.encode())
-            digest.update(file.read_bytes())
-    return digest.hexdigest()
-
-
-def _modules(path):
-    """Return the modules and tables at a path, sorted: one file, or all of a folder."""
-    if not path.is_dir():
-        return [path]
-    return sorted(file for file in path.rglob("*") if file.suffix in (".py", ".toml"))
 
 
 log = logging.getLogger(__name__)

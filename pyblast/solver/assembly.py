@@ -224,15 +224,14 @@ def zone_product(model: Model, mass: np.ndarray, active: np.ndarray | None = Non
         name: replace(rock, law=Elastic()) if rock.yields else rock
         for name, rock in model.materials.items()
     }
-    whole = replace(model.mesh, layer=None)
-    plain = replace(model, single=False, mesh=whole, materials=elastic)
+    plain = replace(model, single=False, materials=elastic)
     laws = zone_laws(plain)
     relaxing = [group for group in model.mesh.groups if model.branches(group)]
     if relaxing and model.mesh.hexahedral:
         plain = replace(plain, materials=_unrelaxed(model, relaxing))
         laws |= _branches([()] * len(model.mesh.groups))
     if model.mesh.hexahedral:
-        zones, _ = pack_arrays(plain, alone["contact_node"], active)
+        zones, _ = pack_arrays(plain, alone["contact_node"], active, layered=False)
         zones |= no_layer(False, len(zones["pack_set"]), model.mesh.order + 1)
     else:
         zones = _tetrahedra(plain, alone["contact_node"])
@@ -410,7 +409,7 @@ def _contacts(model):
         property_row(law, joint.properties, N_JOINT_PROPERTIES)
         for law, joint in zip(laws, joints, strict=True)
     ]
-    pressure = np.array([joint.insitu_pressure for joint in joints])[contacts.joint]
+    pressure = initial_pressures(model)
     shear = np.array([joint.insitu_shear for joint in joints])[contacts.joint]
     shear -= np.einsum("ci,ci->c", shear, contacts.normal)[:, None] * contacts.normal
     return {
@@ -422,6 +421,17 @@ def _contacts(model):
         "contact_joint": contacts.joint.astype(np.int32),
         "contact_initial": shear - pressure[:, None] * contacts.normal,
     }
+
+
+def initial_pressures(model: Model) -> np.ndarray:
+    """Return the normal pressure (n_contacts,) in Pa of joints before the blast, as they state."""
+    contacts, pressure = model.nodes.contacts, np.zeros(len(model.nodes.contacts.area))
+    height = model.nodes.points[contacts.minus, 2]
+    by_name = {joint.surface: joint for joint in model.joints}
+    for number, name in enumerate(contacts.names):
+        own = contacts.joint == number
+        pressure[own] = by_name[name].pressure_at(height[own])
+    return pressure
 
 
 def _fill_mass(model):
@@ -511,7 +521,8 @@ def initial_state(
         "contact_stored": stored_at_rest(constants, contact_state),
         "contact_dissipated": np.zeros(n_contacts),
         "slab_memory": np.zeros((len(constants["slab_axis"]), size, 10, width)),
-        "node_memory": np.zeros((len(constants["node_stretch"]), 3)),
+        "node_memory": np.zeros((len(constants["stretch_row"]), 3)),
+        "node_past": np.zeros((len(constants["layer_node"]), 3)),
         "crossing_memory": np.zeros((len(constants["crossing_part"]), 3, 3)),
         "sums": np.zeros(N_SUMS),
     }

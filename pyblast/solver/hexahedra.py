@@ -13,6 +13,7 @@ from ..model.model import Model
 REFLECTION = 1e-7  # amplitude that a wave of normal incidence would keep
 STRENGTH = 7.0  # real stretch at the outer edge
 VISCOSITY = 0.005  # times edge over cs: of the zones, against waves that the grid does not carry
+DIGITS = 12  # of depths, so that nodes side by side share their stretch
 ACROSS = 1e-6  # of its width: largest change of depth across the axis of a zone of the layer
 PARALLEL = 0.5  # |cosine| of normal and axis above which a joint is not stretched along the axis
 STRAIGHT = 1e-9  # of the mean slope: largest deviation of a brick
@@ -35,7 +36,10 @@ def no_packs(single: bool) -> dict[str, Any]:
 
 
 def pack_arrays(
-    model: Model, contact_node: np.ndarray, active: np.ndarray | None = None
+    model: Model,
+    contact_node: np.ndarray,
+    active: np.ndarray | None = None,
+    layered: bool = True,
 ) -> tuple[dict[str, Any], np.ndarray]:
     """Return the kernel arrays of the hexahedra of a model; theory.md (2.44) to (2.47).
 
@@ -45,6 +49,8 @@ def pack_arrays(
     contact_node : (n_contacts, 2) int32
     active : (n_zones,) bool, optional
         Zones that have their stiffness; the others have none.
+    layered : bool
+        Whether zones of an absorbing layer are such, not plain ground.
 
     Returns
     -------
@@ -55,17 +61,19 @@ def pack_arrays(
     """
     mesh, nodes, width = model.mesh, model.spectral, core.HEX_WIDTH[model.single]
     order, size = mesh.order, nodes.zone_nodes.shape[1]
-    layer = in_layer(model)
+    layer = in_layer(model) & layered
     inverse = np.linalg.inv(nodes.jacobian)
-    if mesh.layer is not None:
+    if mesh.layer is not None and layered:
         turned = inverse @ np.array(mesh.layer.frame, dtype=float).T
         inverse = np.where(np.any(layer, axis=1, keepdims=True)[..., None, None], turned, inverse)
     brick = np.zeros(len(inverse), dtype=bool) if model.ground else _bricks(inverse)
     # Packs are of one form, stretched along the same axes, and of one group.
     kind = (layer @ [1, 2, 4] + 8 * brick) * len(mesh.groups) + mesh.zone_group
+    # Zones side by side in space lie side by side in memory, as their nodes do.
+    along = np.argsort(nodes.zone_nodes.mean(axis=1), kind="stable")
     packs, n_mapped = [], 0
     for number in np.unique(kind):
-        zones = np.flatnonzero(kind == number)
+        zones = along[kind[along] == number]
         packs += [zones[k : k + width] for k in range(0, len(zones), width)]
         n_mapped = n_mapped if brick[zones[0]] else len(packs)
     member = np.array([np.resize(zones, width) for zones in packs])
@@ -168,6 +176,7 @@ def no_layer(single: bool, n_packs: int, n_line: int) -> dict[str, Any]:
         "layer_node": np.zeros(1, dtype=np.int32),
         "layer_mass": np.zeros(1),
         "stretch_start": np.zeros(2, dtype=np.int32),
+        "stretch_row": np.zeros(1, dtype=np.int32),
         "node_stretch": np.zeros((1, 5)),
         "crossing_part": np.zeros(1, dtype=np.int32),
         "crossing_stretch": np.zeros((1, 3, 5)),
@@ -207,7 +216,7 @@ def axis_stretches(
     (..., 3, 5) float64
         kappa, d in 1/s, z in s, b, and 1/(kappa + d z).
     """
-    depth = layer.depths(places)
+    depth = np.round(layer.depths(places), DIGITS)
     loss = 2.0 * fastest * np.log(1.0 / REFLECTION) / layer.widths(places) * depth**3
     shift = 2.0 * np.pi * layer.lowest / 6.0 * (1.0 - depth)
     half = 0.5 * dt
@@ -251,10 +260,12 @@ def layer_arrays(model: Model, arrays: dict[str, Any], member: np.ndarray) -> di
     at = axis_stretches(layer, places, fastest, dt)
     picked = np.take_along_axis(at, slab_axis[:, None, None, None, None], axis=3)[:, :, :, 0]
     at_nodes = axis_stretches(layer, nodes.points, fastest, dt)
-    layer_node = np.unique(nodes.zone_nodes[own])
+    stretched = at_nodes[:, ::-1, 1] > 0.0  # the third axis first, it is the innermost
+    layer_node = np.flatnonzero(stretched.any(axis=1))
+    acts = stretched[layer_node]
+    stretch, row = np.unique(at_nodes[layer_node][:, ::-1][acts], axis=0, return_inverse=True)
     at_once = at_nodes[..., 0] + at_nodes[..., 1] * at_nodes[..., 2]
     mass = arrays["node_mass"]
-    acts = at_nodes[layer_node][:, ::-1, 1] > 0.0  # the third axis first, it is the innermost
     return {
         "n_slabs": len(slab_axis),
         "slab_start": slab_start.astype(np.int32),
@@ -265,7 +276,8 @@ def layer_arrays(model: Model, arrays: dict[str, Any], member: np.ndarray) -> di
         "layer_node": layer_node.astype(np.int32),
         "layer_mass": mass[layer_node],
         "stretch_start": np.concatenate([[0], np.cumsum(acts.sum(axis=1))]).astype(np.int32),
-        "node_stretch": at_nodes[layer_node][:, ::-1][acts],
+        "stretch_row": row.ravel().astype(np.int32),
+        "node_stretch": stretch,
         "node_mass": mass * at_once.prod(axis=1),
         **_crossings(model, fastest, dt),
     }

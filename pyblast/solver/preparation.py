@@ -3,13 +3,10 @@
 import hashlib
 import logging
 import math
-import platform
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import cache
-from importlib import metadata
 from pathlib import Path
 from typing import Any
 
@@ -40,22 +37,6 @@ def fingerprint(*tables: dict[str, Any]) -> str:
             digest.update(f"{name} {value.dtype.str} {value.shape}".encode())
             digest.update(value.tobytes())
     return digest.hexdigest()
-
-
-LIBRARIES = ("numpy", "scipy", "obspy", "h5py", "meshio", "gmsh")
-installed = cache(metadata.version)  # reads files of the library, at every run otherwise
-
-
-def versions(input_hash: str) -> dict[str, str]:
-    """Return the provenance of a result, all text."""
-    return {
-        "pyblast": installed("pyblast"),
-        "input_sha256": input_hash,
-        "python": platform.python_version(),
-        "machine": platform.machine(),
-        "threads": str(core.n_threads()),
-        **{name: installed(name) for name in LIBRARIES},
-    }
 
 
 LEDGER_EVERY = 20

@@ -12,13 +12,14 @@ import numpy as np
 
 from .. import core
 from ..errors import InputError, SolverError
+from ..files import versions
 from ..model.model import Model
 from ..signals.seismogram import Seismogram
 from . import assembly
 from .assembly import Step
 from .edge_springs import common_edges
 from .model_file import read_checkpoint, read_program_result, write_checkpoint
-from .preparation import LEDGER_EVERY, Chunks, Prepared, peak_interval, prepare, versions
+from .preparation import LEDGER_EVERY, Chunks, Prepared, peak_interval, prepare
 
 CHECKPOINT_SECONDS = 30.0
 GROWTH = 4.0  # of energy after the sources, at which a run with an absorbing layer stops
@@ -250,7 +251,8 @@ class _Integration:
             return
         velocity = self._velocity()
         if len(self.peak):
-            np.maximum(self.peak, np.linalg.norm(velocity, axis=1), out=self.peak)
+            x, y, z = velocity.T
+            np.maximum(self.peak, np.sqrt(x * x + y * y + z * z), out=self.peak)
         if self.observer is not None:
             self.observer.sample(self.step, self.state, velocity)
 

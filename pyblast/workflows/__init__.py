@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import InputError, PyblastError, ReadError
-from ..project.result import write_bytes, write_text
+from ..files import write_bytes, write_text
 
 LARGEST_FOLDER = 9999
 LONGEST_NAME = 31  # characters of the name of a sheet, by Excel

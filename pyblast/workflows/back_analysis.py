@@ -29,13 +29,14 @@ from ..back_analysis.waveforms import (
 )
 from ..config.config import BackAnalysisConfig
 from ..errors import Finding, InputError, PyblastError
+from ..files import versions, write_summary, write_text
 from ..inference.misfits import MISFITS
 from ..inference.parameter import Trace
 from ..model.source import TimeFunction
 from ..project.checks import check
 from ..project.level import CODE as LEVEL
 from ..project.project import Project, load_project
-from ..project.result import comparison_table, motion_table, write_summary, write_text
+from ..project.result import comparison_table, motion_table
 from ..report.back_analysis import write_search_report
 from ..report.survey_design import (
     beside_laboratory,
@@ -47,7 +48,6 @@ from ..report.view import scene
 from ..runs.greens import refuse_what_does_not_superpose
 from ..runs.parallel import input_hash
 from ..signals.comparison import in_common
-from ..solver.preparation import versions
 from ..solver.run import simulate as simulate_model
 from . import Interrupted, Progress, Say, new_folder, result_folder, silent
 

@@ -13,16 +13,15 @@ from ..blasts.peaks import LEVEL
 from ..blasts.signature import travel_shifts
 from ..config.config import DelaysConfig
 from ..errors import InputError, named_error
+from ..files import versions, write_summary
 from ..planning import DelayPlan, FiringScatter, plan_delays, rows_pattern
 from ..project.level import level_error
 from ..project.project import Project, load_project
-from ..project.result import write_summary
 from ..report.delays import write_delay_report
 from ..runs.blast_ensemble import BlastSpectra, blast_spectra, signature_spectra
 from ..runs.greens import greens_functions
 from ..runs.parallel import input_hash
 from ..signals.comparison import load_limits
-from ..solver.preparation import versions
 from ..sources.recorded import read_hole
 from ..sources.shot import make_firing
 from . import Progress, Say, csv_table, new_folder, silent, write_tables

@@ -8,16 +8,15 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import InputError
+from ..files import plain, versions, write_summary
 from ..line_records.field_records import FieldRecord, read_folder
 from ..line_records.quality import odd_channels, sensor_response
 from ..line_records.shots import EffectDecision, ShotGather, shot_of
 from ..line_records.waves import NEAREST, Picks, air_wave, phase_speeds, soft_layer
-from ..project.result import plain, write_summary
 from ..readers.provenance import ReadLog
 from ..recordings.recording import Recording
 from ..report.records import CLOSED_LISTS, LineView, write_records_report
 from ..signals.spectra import zero_crossing_frequency
-from ..solver.preparation import versions
 from . import Progress, csv_table, new_folder, silent, write_tables
 
 RESULT, REPORT = "records.json", "report.html"

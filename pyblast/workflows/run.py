@@ -9,6 +9,7 @@ import numpy as np
 
 from ..blasts.compliance import compliance_csv
 from ..errors import Finding, InputError, ReadError
+from ..files import plain, write_summary, write_text
 from ..model.model import Model
 from ..project.checks import Check, check
 from ..project.checks_ground import ModelSummary, summarise_model
@@ -28,15 +29,12 @@ from ..project.places import source_tables
 from ..project.project import Project, load_project
 from ..project.result import (
     Result,
-    plain,
     read_result,
     record_findings,
     seismogram_heads,
     summarise_run,
     write_csv,
     write_result,
-    write_summary,
-    write_text,
 )
 from ..project.stability import Stability
 from ..recordings.recording import first_recording, read_recording

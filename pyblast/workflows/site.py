@@ -2,6 +2,8 @@
 
 import hashlib
 import json
+import math
+import tomllib
 from contextlib import suppress
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -14,9 +16,10 @@ from ..blasts.peaks import LEVEL
 from ..blasts.published_laws import HARD_ROCK
 from ..blasts.site_law import fit_site_law, site_law_of_exponent
 from ..errors import InputError, PyblastError, ReadError
+from ..files import code_hash, plain, versions, write_summary, write_text
 from ..line_records.changes import StepChange, changes, residuals
 from ..line_records.field_records import NOT_RECORDS
-from ..line_records.forecasts import BAND, StatisticalLimit, forecasts, share_interval
+from ..line_records.forecasts import BAND, StatisticalLimit, forecasts, share_interval, trend
 from ..line_records.monitoring import (
     FEATURES,
     Joined,
@@ -24,15 +27,14 @@ from ..line_records.monitoring import (
     joined,
     read_log,
     read_peaks,
+    read_quietly,
     read_stations_of,
 )
-from ..project.result import plain, write_summary, write_text
+from ..line_records.superposition import HoleMotion, calibrated, sum_of_holes
 from ..readers.provenance import ReadLog
 from ..recordings.raw import decibels
 from ..report.site import write_site_report
-from ..runs.parallel import code_hash
 from ..signals.comparison import load_limits
-from ..solver.preparation import versions
 from . import Progress, csv_table, silent, write_tables
 
 OUT, RESULT, REPORT, STORE = "site", "site.json", "report.html", "parsed.json"
@@ -40,6 +42,7 @@ READING = ("recordings", "readers", "signals", "line_records")  # code on which 
 TABLES = (".csv", ".txt", ".xlsx", ".xlsm")
 KEEP_EVERY = 50  # files after which what was parsed is kept
 FAR, FEWEST = 4.0, 6  # robust standard deviations beyond which one of so many records is named
+DAYS = 365.25  # of a year
 NORMAL_MAD = 1.4826  # standard deviation of a normal law over its median absolute deviation
 
 
@@ -99,13 +102,14 @@ def learn_site(
     site = joined(blasts, stations, records)
     if not site.records:
         reasons = [f"{file}: {reason}" for file, reason in [*site.unjoined, *skipped][:3]]
-        raise InputError(f"{folder}: no record belongs to a blast ({'; '.join(reasons)})")
+        why = "; ".join(reasons) or "it holds no record"
+        raise InputError(f"{folder}: no record belongs to a blast ({why})")
     rows = rows_of(site, limit_curve, air_limit)
     summary = plain({
         "folder": folder.resolve().name,
         "limit_curve": limit_curve,
         "air_limit": air_limit,
-        "blasts": [asdict(blast) for blast in blasts],
+        "blasts": [blast.table() for blast in blasts],
         "stations": [asdict(station) for station in stations],
         "clocks": site.clocks,
         "records": rows,
@@ -115,7 +119,8 @@ def learn_site(
         ],
         "law": law_of(site, 0.5, "largest"),
         "air_law": law_of(site, 1.0 / 3.0, "overpressure"),
-        **_learned(site, limit_curve),
+        **_learned(site, limit_curve, _predicted(site, folder, _runs(folder))),
+        "projects": _projects(folder),
         "statistical": None if statistical is None else asdict(statistical) | {
             "stations": _judged(site, statistical)
         },
@@ -145,6 +150,7 @@ def _table_of(folder: Path, name: str) -> Path:
 def _parsed(folder: Path, out: Path, used: set[Path], tell: Progress):
     """Return the peaks of all records, refused files with reasons, and the hash of all files."""
     ours = {out.resolve(), (folder / OUT).resolve()}
+    ours |= {path.parent.resolve() for path in folder.rglob("summary.json")}  # of runs
     paths = [
         path for path in sorted(folder.rglob("*"))
         if path.is_file() and path not in used and ours.isdisjoint(path.resolve().parents)
@@ -262,6 +268,10 @@ def law_of(site: Joined, exponent: float, quantity: str) -> dict:
     peak = np.where(below, trigger, peak)
     known = np.isfinite(peak) & np.isfinite(distance) & np.isfinite(charge) & (distance > 0.0)
     rows, fixed = (distance[known], charge[known], peak[known]), ""
+    if not known.any() and np.isfinite(peak).any():
+        known = {"places": site.distance, "charges": [blast.charge for blast in site.blasts]}
+        lacks = [what for what, values in known.items() if not np.isfinite(values).any()]
+        return {"refused": f"the log lacks {' and '.join(lacks) or 'places or charges'}"}
     try:
         law = fit_site_law(*rows, exponent, below[known])
     except InputError as error:
@@ -295,7 +305,84 @@ def _outliers(site, law, peak, distance, charge) -> list[dict]:
     return rows
 
 
-def _learned(site: Joined, curve: str) -> dict:
+def _runs(folder: Path) -> list[dict]:
+    """Return the runs of projects in a folder, the latest last.
+
+    Each has the hashes of its ``files``, ``peaks`` by receiver: log10 of the largest component in
+    m/s and of its frequency, and with one hole ``hole`` by receiver: file, charge, distance.
+    """
+    runs = []
+    for path in sorted(folder.rglob("summary.json")):
+        with suppress(OSError, ValueError, TypeError, LookupError, AttributeError):
+            run = json.loads(path.read_text(encoding="utf-8"))
+            rows, holes = run["receivers"], run["sources"]["holes"]
+            runs.append({
+                "files": set(run["files_sha256"].values()),
+                "peaks": {name: _log_peak(row["simulated"]) for name, row in rows.items()},
+                "hole": {} if len(holes) != 1 else {
+                    name: (path.parent / "curves" / f"simulated_{name}.csv", holes[0]["charge"],
+                           math.dist(holes[0]["position"], row["position"]))
+                    for name, row in rows.items()
+                },
+            })  # fmt: skip
+    return runs
+
+
+def _log_peak(motion: dict) -> tuple[float, float]:
+    """Return log10 of the largest peak of a run's motion and of its zero-crossing frequency."""
+    pairs = zip(motion["ppv"], motion["zero_crossing_frequency"], strict=True)
+    peak, hz = max(((p, f or math.nan) for p, f in pairs if p), default=(math.nan, math.nan))
+    return math.log10(peak), math.log10(hz)
+
+
+def _projects(folder: Path) -> list[str]:
+    """Return the project files of a folder that hold a ground."""
+    names = []
+    for path in sorted(folder.glob("*.toml")):
+        with suppress(OSError, ValueError):
+            if "mesh" in tomllib.loads(path.read_text(encoding="utf-8")):
+                names.append(path.name)
+    return names
+
+
+def _predicted(site: Joined, folder: Path, runs: list[dict]) -> dict[str, np.ndarray]:
+    """Return log10 of peaks and frequencies, (n_blasts, n_stations, 2), beside a law.
+
+    By recorded holes: the blasts of the log whose table has one charge. By a model: the runs whose
+    project reads the hole table of a blast, else those of one hole, superposed.
+    """
+    recorded: dict[int, list[HoleMotion]] = {}
+    for (b, s), record in sorted(site.records.items()):
+        plan = site.blasts[b].plan
+        if plan is not None and np.count_nonzero(plan.charge) == 1 and not record.spoilt:
+            each = {(r.serial, r.time): r for r in read_quietly(folder / record.file)[0]}
+            motion, charge = each[record.serial, record.time].seismogram, float(plan.charge.max())
+            away = np.linalg.norm(plan.centres - site.stations[s].position, axis=1)[plan.charge > 0]
+            recorded.setdefault(s, []).append(HoleMotion(motion, charge, float(away[0]), b + 1))
+    modelled: dict[int, list[HoleMotion]] = {}
+    own = np.full((len(site.blasts), len(site.stations), 2), np.nan)
+    digests = [_digest(folder / blast.holes) if blast.holes else None for blast in site.blasts]
+    for run in runs:
+        for s, station in enumerate(site.stations):
+            if station.name in run["peaks"]:
+                own[[d in run["files"] for d in digests], s] = run["peaks"][station.name]
+            path, charge, far = run["hole"].get(station.name, (None, 0.0, 0.0))
+            if path is not None and path.is_file():
+                hole = HoleMotion(read_quietly(path)[0][0].seismogram, charge, far, 0)
+                modelled.setdefault(s, []).append(hole)
+    methods = {
+        "superposition": sum_of_holes(site, recorded),
+        "model": np.where(np.isfinite(own), own, sum_of_holes(site, modelled)),
+    }
+    return {method: values for method, values in methods.items() if np.isfinite(values).any()}
+
+
+def _digest(path: Path) -> str:
+    """Return the SHA-256 of a file, as runs name it."""
+    return hashlib.sha256(_content(path)).hexdigest()
+
+
+def _learned(site: Joined, curve: str, predicted: dict[str, np.ndarray]) -> dict:
     """Return control charts, changes, forecasts of blasts to come, and coverage of all before."""
     away = site.away
     charge = np.array([[blast.charge] for blast in site.blasts]) + 0.0 * site.distance
@@ -306,10 +393,10 @@ def _learned(site: Joined, curve: str) -> dict:
     scaled[~np.isfinite(scaled)] = np.nan
     features = site.values("features", len(FEATURES))
     residual = residuals(features, scaled, np.arctan2(away[..., 1], away[..., 0]))
-    peaks = forecasts(peak, scaled, np.where(site.silent, trigger, np.nan))
-    pitch = forecasts(hz, scaled, prior=(0.0, 0.0))
-    inside = peaks.inside(peak)
-    count, total = int(np.nansum(inside)), int(np.isfinite(inside).sum())
+    silent = np.where(site.silent, trigger, np.nan)
+    methods = {"law": (forecasts(peak, scaled, silent), forecasts(hz, scaled, prior=(0.0, 0.0)))}
+    for method, values in predicted.items():
+        methods[method] = (calibrated(peak, values[..., 0], silent), calibrated(hz, values[..., 1]))
     last = max(b for b, _ in site.records)
     coming = [(b, s) for b in range(last + 1, len(site.blasts)) for s in range(len(site.stations))]
     return {
@@ -320,12 +407,43 @@ def _learned(site: Joined, curve: str) -> dict:
         ],
         "changes": [_change_row(site, change) for change in changes(residual)],
         "forecasts": [
-            _forecast_row(site, peaks, pitch, curve, b, s)
-            for b, s in coming if np.isfinite(peaks.mean[b, s])
+            {"method": method} | _forecast_row(site, *both, curve, b, s)
+            for b, s in coming for method, both in methods.items()
+            if np.isfinite(both[0].mean[b, s])
         ],
-        "coverage": {"band": BAND, "inside": count, "forecasts": total,
-                     "interval": share_interval(count, total) if total else None},
+        "coverage": {
+            method: _coverage(peaks.inside(peak), peaks.half(BAND)[np.isfinite(peak)])
+            for method, (peaks, _) in methods.items()
+        },
+        "model": _against(site, peak - predicted["model"][..., 0]) if "model" in predicted else [],
     }  # fmt: skip
+
+
+def _coverage(inside: np.ndarray, half: np.ndarray) -> dict:
+    """Return how many peaks came inside their bands, and the factor of a usual band."""
+    count, total = int(np.nansum(inside)), int(np.isfinite(inside).sum())
+    return {
+        "band": BAND, "inside": count, "forecasts": total,
+        "interval": share_interval(count, total) if total else None,
+        "factor": 10.0 ** float(np.nanmedian(half)) if total else None,
+    }  # fmt: skip
+
+
+def _against(site: Joined, ratio: np.ndarray) -> list[dict]:
+    """Return how records compare with the model by station: factor of each blast, and trend."""
+    years = np.array([np.datetime64(blast.time[:10]) for blast in site.blasts]).astype(float)
+    rows = []
+    for station, own in zip(site.stations, ratio.T, strict=True):
+        known = np.isfinite(own)
+        if not known.any():
+            continue
+        slope, half = trend(years[known] / DAYS, own[known])
+        rows.append({
+            "station": station.name, "factor": 10.0**own, "median": 10.0 ** np.median(own[known]),
+            "records": int(known.sum()), "per_year": 10.0**slope,
+            "per_year_90": (10.0 ** (slope - half), 10.0 ** (slope + half)),
+        })  # fmt: skip
+    return rows
 
 
 def _change_row(site: Joined, change: StepChange) -> dict:

@@ -16,8 +16,8 @@ from command_line import call, python, spawn
 from small_project import INSIDE, TEXT, written
 
 from pyblast import core
+from pyblast.files import write_text
 from pyblast.mesh.builder import Layer, build_mesh
-from pyblast.project.result import write_text
 from pyblast.solver import assembly
 from pyblast.solver.preparation import prepare
 from verification import fuzz

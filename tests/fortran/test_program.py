@@ -16,6 +16,7 @@ from small_project import written
 
 from pyblast import core
 from pyblast.errors import InputError, ReadError
+from pyblast.files import plain
 from pyblast.mesh.builder import Layer, structured_box
 from pyblast.mesh.hexahedra import AbsorbingLayer
 from pyblast.model.anisotropy import jointed
@@ -24,7 +25,6 @@ from pyblast.model.joint import Joint
 from pyblast.model.material import ConstantQ, Damping, Material, MohrCoulomb
 from pyblast.model.model import InSitu, Model, Receiver
 from pyblast.model.source import PointForce, TimeFunction
-from pyblast.project.result import plain
 from pyblast.signals.seismogram import Seismogram
 from pyblast.solver.preparation import export, prepare
 from pyblast.solver.run import simulate

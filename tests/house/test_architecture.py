@@ -27,7 +27,7 @@ MOST_LINES_OF_A_SECOND_IDEA = (
 MOST_LINES_OF_A_FUNCTION = 60
 # From the ground up: a package imports only itself and what stands before it.
 PACKAGES = [
-    "errors", "units", "laws", "readers", "core", "signals", "mesh", "recordings", "model",
+    "errors", "units", "laws", "readers", "core", "files", "signals", "mesh", "recordings", "model",
     "blasts", "solver", "runs", "planning", "config", "sources", "inference", "survey", "ground",
     "simulation", "project", "back_analysis", "diagnosis", "line_records", "report", "workflows",
     "cli", "__main__",

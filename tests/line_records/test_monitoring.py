@@ -173,8 +173,50 @@ def test_charge_and_place_come_from_a_hole_table_that_the_log_names(tmp_path):
 
 
 @pytest.mark.parametrize(
+    ("text", "wanted"),
+    [
+        ("2026-03-09 11:02", "2026-03-09T11:02:00"),
+        ("2026-03-09T11:02:07.5+01:00", "2026-03-09T11:02:07.500000"),
+        ("9.3.2026 11.02", "2026-03-09T11:02:00"),
+        ("09-Mar-2026 1:02 PM", "2026-03-09T13:02:00"),
+        ("9 March 2026 12:02am", "2026-03-09T00:02:00"),
+        ("2026/3/9", "2026-03-09"),
+    ],
+)
+def test_dates_are_read_as_logs_write_them(tmp_path, text, wanted):
+    path = tmp_path / "blasts.csv"
+    path.write_text(f"blast,date,x (m),y (m),charge (kg)\nS1,{text},1,2,10\n")
+
+    assert read_log(path)[0].time == wanted
+
+
+def test_dates_with_slashes_are_read_where_one_of_them_tells_their_order(tmp_path):
+    path = tmp_path / "blasts.csv"
+    head = "blast,date,x (m),y (m),charge (kg)\n"
+    path.write_text(f"{head}S1,03/04/2026 11:00,1,2,10\nS2,25/04/2026 11:00,1,2,10\n")
+    assert [blast.time[:10] for blast in read_log(path)] == ["2026-04-03", "2026-04-25"]
+    path.write_text(f"{head}S1,03/04/2026 11:00,1,2,10\nS2,04/25/2026 11:00,1,2,10\n")
+    assert [blast.time[:10] for blast in read_log(path)] == ["2026-03-04", "2026-04-25"]
+    path.write_text(f"{head}S1,03/04/2026 11:00,1,2,10\nS2,05/04/2026 11:00,1,2,10\n")
+    with pytest.raises(ReadError, match=r"line 2, date: .*whether day or month comes first"):
+        read_log(path)
+    path.write_text(f"{head}S1,13/04/2026,1,2,10\nS2,05/14/2026,1,2,10\nS3,03/04/2026,1,2,3\n")
+    with pytest.raises(ReadError, match=r"line 2, date: .*dates of the log stand in both orders"):
+        read_log(path)
+
+
+def test_a_hole_table_that_is_missing_is_named_with_its_line(tmp_path):
+    path = tmp_path / "blasts.csv"
+    path.write_text("blast,date,holes\nS1,2026-03-02,none.csv\n")
+
+    with pytest.raises(ReadError, match=r"line 2, holes: .*none\.csv: expected a file"):
+        read_log(path)
+
+
+@pytest.mark.parametrize(
     ("rows", "message"),
     [
+        ("S1,2026-03-02 25:00,1,2,10", "line 2, date: expected one such as"),
         ("S1,2026-03-02,1,2,10\nS1,2026-03-03,1,2,10", "blast 'S1' stands in two lines"),
         ("S1,soon,1,2,10", "line 2, date: expected one such as 2026-03-14 11:02, got 'soon'"),
         ("S1,2026-03-02,1,2,-10", "line 2, charge: must be positive, got -10"),

@@ -5,15 +5,14 @@ import numpy as np
 import pytest
 
 from pyblast.errors import ReadError
+from pyblast.files import plain, write_summary
 from pyblast.project.result import (
     Result,
-    plain,
     read_result,
     seismogram_heads,
     too_symmetric,
     write_csv,
     write_result,
-    write_summary,
 )
 from pyblast.recordings.recording import read_recording
 from pyblast.signals.seismogram import Seismogram

@@ -32,7 +32,7 @@ SLOW = Effect("clock_error", "R2", ((0.0,),))
 DELAYS = Effect("delay_scatter", "B1", ((0.0, 0.0, 0.0),))
 NOTES = {
     "case": "pit <3>", "runs": 11, "wall_s": 2.5, "kept_runs": 0, "kept_s": 0.0, "seed": 1,
-    "budget": 400, "finished": True, "provenance": {"pyblast": "0"},
+    "minutes_allowed": 4.0, "minutes_spent": 1.0, "finished": True, "provenance": {"pyblast": "0"},
 }  # fmt: skip
 
 
@@ -64,7 +64,7 @@ def made(outcome):
     here = scene()
     none = fit(here, ())
     fits = [fit(here, (one,)) for one in (SLOW, DELAYS)]
-    found = Search(here, 400, lambda *_: None, none, fits, fits[0])
+    found = Search(here, lambda *_: None, none, fits, fits[0])
     decision = decide(found)
     if outcome == "CLASS":
         rivals = ("delay_scatter", "clock_error")
@@ -72,7 +72,7 @@ def made(outcome):
     if outcome == "UNKNOWN":
         decision = replace(decision, outcome=outcome, fit=none, rivals=())
     if outcome == "NULL":
-        found = Search(here, 400, lambda *_: None, none, [], none)
+        found = Search(here, lambda *_: None, none, [], none)
         decision = Decision(outcome, none, (), {"none": 1.0}, 0.0, None)
     return Made(here, found, decision), summarise_diagnosis(found, decision) | NOTES
 

@@ -8,21 +8,12 @@ import numpy as np
 import pytest
 
 from pyblast.errors import InputError
+from pyblast.files import PACKAGE, RUN_CODE, WHOLE, code_hash
 from pyblast.mesh.builder import structured_box
 from pyblast.model.boundary import Viscous
 from pyblast.model.model import Model, Receiver
 from pyblast.model.source import Hole, TimeFunction
-from pyblast.runs.parallel import (
-    PACKAGE,
-    RUN_CODE,
-    WHOLE,
-    Cache,
-    cached_run,
-    code_hash,
-    input_hash,
-    run_all,
-    workers,
-)
+from pyblast.runs.parallel import Cache, cached_run, input_hash, run_all, workers
 from pyblast.solver.run import simulate
 from verification.columns import ROCK, ricker
 
@@ -83,7 +74,7 @@ def test_the_code_of_a_run_is_part_of_its_hash(path):
 
 
 def test_a_table_of_the_program_is_part_of_its_code(tmp_path, monkeypatch):
-    monkeypatch.setattr("pyblast.runs.parallel.PACKAGE", tmp_path)
+    monkeypatch.setattr("pyblast.files.PACKAGE", tmp_path)
     hashes = set()
     for text in ("a = 1", "a = 2"):
         (tmp_path / "priors.toml").write_text(text)

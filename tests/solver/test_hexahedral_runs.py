@@ -345,6 +345,15 @@ def test_threads_change_no_bit_in_a_layer(ground):
     assert python(LAYERED, ground, threads=3) == alone
 
 
+def test_pieces_of_a_run_change_no_bit_in_a_layer():
+    one = open_box(1, True, 3)
+
+    alone, halted = (simulate(one, 0.1, snapshot_times=at) for at in ((), np.arange(0.01, 0.1, 0.011)))
+
+    assert len(halted.snapshots) > 5
+    assert digest(halted) == digest(alone)
+
+
 def test_the_layer_may_be_turned():
     cosine, sine = np.cos(0.7), np.sin(0.7)
     frame = np.array([[cosine, sine, 0.0], [-sine, cosine, 0.0], [0.0, 0.0, 1.0]])

@@ -5,7 +5,7 @@ import pytest
 
 from pyblast.line_records.changes import StepChange
 from verification.rows import read_rows
-from verification.site import HIDDEN, OUT, RATE, scored, site, summary
+from verification.site import HIDDEN, OUT, PAGE, RATE, paged, scored, site, summary
 
 
 def step(blast, *kinds, station=None):
@@ -54,3 +54,8 @@ def test_rows_keep_what_the_documents_say():
     assert table["kind_right_or_class"] >= 0.8
     assert table["false_alarms_a_year"] <= 1.0
     assert 0.85 <= table["coverage"] <= 0.95
+    times = read_rows(OUT)["timing"]
+    assert times["first_s"] <= 10.0
+    assert max(times["again_s"], times["one more_s"]) <= 2.0
+    page = PAGE.read_text(encoding="utf-8")
+    assert paged(page, read_rows(OUT)) == page

@@ -1,7 +1,10 @@
 """The site from blast to blast: one page and one JSON, again in no time, and refusals."""
 
 import csv
+import hashlib
 import json
+import subprocess
+import sys
 from pathlib import Path
 from shutil import copytree
 
@@ -82,9 +85,25 @@ def test_what_was_parsed_is_kept_and_a_new_file_alone_is_parsed(quarry, monkeypa
     assert len(parsed) == 73
 
 
+def test_a_site_loads_nothing_of_the_solver_nor_the_slow_parts_of_scipy(quarry):
+    code = (
+        "import sys; from pyblast.workflows.site import learn_site; learn_site(sys.argv[1]); "
+        "print(*sys.modules)"
+    )
+
+    done = subprocess.run([sys.executable, "-c", code, quarry], check=True, capture_output=True)
+
+    loaded = set(done.stdout.decode().split())
+    assert "pyblast.line_records.changes" in loaded
+    heavy = ("mesh", "model", "solver", "runs", "config", "project", "inference", "diagnosis")
+    assert not loaded & {f"pyblast.{name}" for name in heavy}
+    assert not loaded & {"scipy.stats", "scipy.optimize", "scipy.signal", "pydantic", "h5py"}
+
+
 def test_what_is_no_record_is_listed_with_its_reason(quarry):
     (quarry / "records" / "holiday.csv").write_text("a,b\n1,2\n")
     (quarry / "notes.md").write_text("nothing")
+    (quarry / "records" / "farm.txt").write_text("a text that no reader knows\n")
     (quarry / "<b>.csv").write_text("x\n")
 
     done = call("site", quarry)
@@ -94,6 +113,8 @@ def test_what_is_no_record_is_listed_with_its_reason(quarry):
                json.loads((quarry / "site" / "site.json").read_text())["skipped"]}  # fmt: skip
     assert skipped["notes.md"] == "is no record"
     assert "is none of" in skipped["records/holiday.csv"]
+    assert "is none of" in skipped["records/farm.txt"]
+    assert "records/farm.txt: is none of" in " ".join(done.output.split())
     assert "records/holiday.csv" in done.output
     assert "<b>.csv" not in (quarry / "site" / "report.html").read_text()
 
@@ -105,7 +126,7 @@ def test_what_is_no_record_is_listed_with_its_reason(quarry):
         (lambda folder: (folder / "blasts.txt").write_text("x"), "more than one of blasts.csv"),
         (lambda folder: (folder / "blasts.csv").write_text("blast,day\nS1,2\n"), "date"),
         (lambda folder: [p.unlink() for p in (folder / "records").iterdir()],
-         "no record belongs to a blast"),
+         "no record belongs to a blast (it holds no record)"),
     ],
 )  # fmt: skip
 def test_a_folder_that_is_no_site_ends_with_one_sentence_and_2(quarry, damage, message):
@@ -160,7 +181,7 @@ def test_one_vertical_channel_at_one_station_without_charges_is_still_compared(q
     summary = json.loads((quarry / "site" / "site.json").read_text())
     assert len(summary["records"]) == 24
     assert all(row["quantity"] == "vertical" for row in summary["records"])
-    assert "at least 6 are needed" in summary["law"]["refused"]
+    assert summary["law"]["refused"] == "the log lacks charges"
     assert summary["changes"] == summary["forecasts"] == []
 
 
@@ -197,3 +218,100 @@ def test_air_overpressure_has_its_law_and_limit(quarry):
     assert [row["air_share"] for row in summary["records"]] == pytest.approx(
         [pressure / 10.0 for pressure in pressures]
     )
+
+
+def with_hole_tables(folder):
+    """Give each blast of the log a hole table; make the second one a single hole."""
+    (folder / "holes").mkdir()
+    head, *lines = (folder / "blasts.csv").read_text().splitlines()
+    rows = []
+    for n, line in enumerate(lines):
+        cells = line.split(",")
+        count = 1 if n == 1 else 6 + n % 5
+        table = ["hole,x_m,y_m,z_m,charge_kg,delay_ms"] + [
+            f"{k},{float(cells[3]) + 3 * k:g},{cells[4]},0,{cells[5]},{25 * k}"
+            for k in range(count)
+        ]
+        (folder / "holes" / f"{n}.csv").write_text("\n".join(table) + "\n")
+        rows.append(f"{line},holes/{n}.csv")
+    (folder / "blasts.csv").write_text("\n".join([f"{head},holes", *rows]) + "\n")
+
+
+def test_a_recorded_hole_forecasts_by_superposition_beside_the_law(quarry):
+    with_hole_tables(quarry)
+
+    done = call("site", quarry)
+
+    assert done.exit_code == 0, done.output
+    summary = json.loads((quarry / "site" / "site.json").read_text())
+    assert {row["method"] for row in summary["forecasts"]} == {"law", "superposition"}
+    counts = summary["coverage"]["superposition"]["forecasts"], len(summary["records"])
+    assert 40 < counts[0] <= counts[1] - 3 * 7
+    for row in summary["forecasts"]:
+        assert row["band"][0] < row["median"] < row["band"][1]
+        assert row["frequency_band"][0] < row["frequency"] < row["frequency_band"][1]
+    assert "by superposed holes" in done.output
+    assert summary["model"] == summary["projects"] == []
+
+
+def run_of(folder, number, sent, factor):
+    """Write the run of a project that reads a hole table, with peaks of the records by a factor."""
+    digest = hashlib.sha256((folder / "holes" / f"{number}.csv").read_bytes()).hexdigest()
+    receivers = {
+        name: {"position": [0, 0, 0],
+               "simulated": {"ppv": [peak / factor, 1e-5, None],
+                             "zero_crossing_frequency": [18.0, None, None]}}
+        for name, peak in sent.items()
+    }  # fmt: skip
+    place = folder / "results" / f"{number + 1:03d}"
+    (place / "curves").mkdir(parents=True)
+    (place / "summary.json").write_text(json.dumps({
+        "receivers": receivers, "files_sha256": {"holes.csv": digest},
+        "sources": {"holes": [{"position": [0, 0, 0], "charge": 50.0}] * 6},
+    }))  # fmt: skip
+    (place / "receivers.csv").write_text("receiver,ppv\nfarm,2\n")
+
+
+def test_runs_of_a_project_forecast_and_are_compared_blast_by_blast(quarry):
+    with_hole_tables(quarry)
+    before, _ = learn_site(quarry)
+    (quarry / "quarry.toml").write_text("[mesh]\n")
+    number = {row["name"]: n for n, row in enumerate(before["blasts"])}
+    for name, n in number.items():
+        sent = {row["station"]: row["peak"] for row in before["records"] if row["blast"] == name}
+        run_of(quarry, n, sent or {"farm": 2e-3}, 2.0)
+
+    summary, _ = learn_site(quarry)
+
+    assert [row["file"] for row in summary["skipped"]] == ["quarry.toml"]
+    assert {row["station"] for row in summary["model"]} == {"farm", "school", "mill"}
+    for row in summary["model"]:
+        assert row["median"] == pytest.approx(2.0)
+        assert row["per_year"] == pytest.approx(1.0, abs=0.01)
+    (row,) = [row for row in summary["forecasts"] if row["method"] == "model"]
+    assert (row["station"], row["median"]) == ("farm", pytest.approx(2e-3))
+    page = (quarry / "site" / "report.html").read_text()
+    assert "pyblast diagnose quarry.toml, with records of blasts from B13 on" in page
+    assert "Records over the model" in page
+    (quarry / "results" / "003" / "summary.json").write_text('{"receivers": {"farm": 1}')
+    assert learn_site(quarry)[0]["model"][0]["records"] < 24
+
+
+def test_one_modelled_hole_is_superposed_over_the_hole_tables(quarry):
+    with_hole_tables(quarry)
+    run_of(quarry, 1, {"farm": 1e-3}, 1.0)
+    place = quarry / "results" / "002"
+    run = json.loads((place / "summary.json").read_text())
+    run["sources"]["holes"] = [{"position": [300.0, 0, 0], "charge": 50.0}]
+    (place / "summary.json").write_text(json.dumps(run))
+    times = np.arange(200) / 500.0
+    wave = 1e-3 * np.sin(2.0 * np.pi * 18.0 * times) * np.exp(-times / 0.08)
+    rows = [f"{t:.6f},{v:.9g},{0.5 * v:.9g},0" for t, v in zip(times, wave, strict=True)]
+    head = "time_s,longitudinal_m_per_s,transverse_m_per_s,vertical_m_per_s"
+    (place / "curves" / "simulated_farm.csv").write_text("\n".join([head, *rows]) + "\n")
+
+    summary, _ = learn_site(quarry)
+
+    (farm,) = summary["model"]
+    assert farm["records"] == 24
+    assert 0.1 < farm["median"] < 10.0
