@@ -13,6 +13,7 @@ from ..blasts.blast import Blast
 from ..errors import InputError, contained
 from ..ground.tables import quality_of
 from ..inference.error_model import ErrorModel
+from ..inference.location import Places
 from ..inference.parameter import Parameter, set_all
 from ..project.places import NEAR, resolved_receivers
 from ..project.project import Project
@@ -24,7 +25,7 @@ from . import library  # noqa: F401  fills the library
 from .calibration import Baseline, attenuated
 from .case import Case
 from .error import learned_error
-from .forward import Surroundings, holds, simulation_of, surroundings
+from .forward import Surroundings, holds, secondary_places, simulation_of, surroundings
 from .hypotheses import FAMILIES, LIBRARY, Hypothesis, blast_and_hole, superposed
 from .thresholds import DEAREST, IDEALISED, ORDINARY
 
@@ -121,6 +122,11 @@ class Scene:
     def surroundings(self) -> Surroundings:
         """Motion around the receivers in the calibrated ground, by one run of each blast."""
         return surroundings(self.simulation, self.case, self.baseline.project)
+
+    @cached_property
+    def secondary_places(self) -> tuple[Places, Places]:
+        """Cells of the rock and patches of the joints of the calibrated ground, with changes."""
+        return secondary_places(self.simulation, self.case, self.baseline.project)
 
     @cached_property
     def error(self) -> ErrorModel:
