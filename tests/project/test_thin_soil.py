@@ -11,10 +11,10 @@ from slipping_box import digest
 
 from pyblast.project.checks_ground import summarise_model
 from pyblast.project.project import Project
+from pyblast.solver.assembly import time_step
 from pyblast.solver.line_implicit import line_zones, steps_of_zones
 from pyblast.solver.preparation import export, prepare
 from pyblast.solver.run import integrated, simulate
-from pyblast.solver.assembly import time_step
 
 ROCK = {"density_kg_per_m3": 2600.0, "cp_m_per_s": 4300.0, "cs_m_per_s": 2500.0, "qp": 100.0,
         "qs": 50.0, "quality_band_hz": [3.0, 100.0]}  # fmt: skip
