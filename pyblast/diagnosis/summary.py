@@ -5,10 +5,12 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from ..blasts.hole_effects import HARDLY
 from ..errors import contained
 from ..inference.location import located
 from ..inference.moveout import growth, moveout, polarised_shares
 from ..inference.records import COMPONENTS
+from ..inference.variation import Varied
 from .calibration import Baseline, like_taught
 from .case import Case, case_of
 from .cross_validation import CrossValidation
@@ -55,10 +57,11 @@ def summarise_diagnosis(
     with contained(scene.failures, "detection limits"):
         if search.scores is not None and decision.outcome in ("NULL", "NAMED", "COMPOSITE"):
             limits = detection_limits(search.scores, fit.labels)
+    extra = scene.unplanned
     with contained(scene.failures, "look of the residual"):
-        before = remainder = residual_of(baseline, without.motion, without.chi_square)
+        before = remainder = residual_of(baseline, without.motion - extra, without.chi_square)
         if fit is not without:
-            remainder = residual_of(baseline, fit.motion, fit.chi_square)
+            remainder = residual_of(baseline, fit.motion - extra, fit.chi_square)
     if search.scores is not None and decision.outcome not in ("NULL", "MISTAKE"):
         with contained(scene.failures, LOCATION):
             for look, each in ((before, without), (remainder, fit))[: 1 + (fit is not without)]:
@@ -68,6 +71,7 @@ def summarise_diagnosis(
         "mistakes": [mistake.row() for mistake in mistakes],
         "effects": _effects(decision, case),
         "suspected_misfires": suspected_misfires(decision, case),
+        "holes_vary": holes_vary(scene.varied and scene.varied.level),
         "class": list(decision.rivals) if len(decision.rivals) > 1 else [],
         "not_testable": _not_testable(search),
         "detection_limits": limits,
@@ -106,6 +110,14 @@ def summarise_diagnosis(
     }  # fmt: skip
 
 
+def holes_vary(varied: Varied | None) -> dict | None:
+    """Return the learned variation from hole to hole in per cent, with its sentence."""
+    if varied is None:
+        return None
+    shares = {name: round(100.0 * getattr(varied, name), 1) for name in ("value", "low", "high")}
+    return shares | {"unit": "%", "words": varied.words}
+
+
 def not_computed(failures: Mapping) -> list[dict]:
     """Return the parts of a diagnosis that failed, with the reason."""
     return [{"part": k, "reason": v} for k, v in failures.items() if isinstance(k, str)]
@@ -114,12 +126,14 @@ def not_computed(failures: Mapping) -> list[dict]:
 def not_asked(summary: Mapping) -> dict[str, str]:
     """Return the labels of which nothing was asked although the site may have them, by reason.
 
-    Those that are impossible at the site, or belong to sites of another kind, are left out.
+    Those that are impossible at the site, belong to sites of another kind or change all holes
+    alike are left out.
     """
     rows = summary["not_testable"]
     return {
         row["label"]: row["reason"] for row in rows
         if not row["targets"] and row["reason"] != IMPOSSIBLE and row["label"] not in ELSEWHERE
+        and HARDLY not in row["reason"]
     }  # fmt: skip
 
 
@@ -163,10 +177,17 @@ def diagnosis_lines(summary: Mapping) -> list[str]:
     if summary["outcome"] == "UNKNOWN":
         lines += [f"  not asked: {label}: {why}" for label, why in not_asked(summary).items()]
     lines += [f"  {act}" for act in acts(summary)]
+    located = summary[residual_shown(summary)]
+    if located is not None:
+        lines += [
+            f"  most like a change at {place_in_words(each)}" for each in located["points"]
+        ]
     for effect in summary["effects"]:
         targets = effect["target"] if isinstance(effect["target"], list) else [effect["target"]]
         where = f" at {', '.join(targets)}" if any(targets) else ""
         lines.append(f"  {effect['label']}{where}: {effect['claim']}")
+    if summary["holes_vary"]:
+        lines.append(f"  {summary['holes_vary']['words']}")
     if summary["suspected_misfires"]:
         lines.append(f"  suspected misfires: {holes_in_words(summary['suspected_misfires'])}")
     if summary["class"]:
@@ -188,6 +209,11 @@ def diagnosis_lines(summary: Mapping) -> list[str]:
     if not summary["finished"]:
         lines.append("  the budget ended before all effects were tried")
     return [*lines, f"  next: {summary['next_measurement']}"]
+
+
+def residual_shown(summary: Mapping) -> str:
+    """Return the key of the residual whose place matters: without effects, or beside the answer."""
+    return "located" if summary["outcome"] in ("UNKNOWN", "CLASS") else "remainder"
 
 
 def acts(summary: Mapping) -> list[str]:

@@ -27,6 +27,7 @@ from pyblast.report.diagnosis import (
     usual,
 )
 from pyblast.report.diagnosis import scene_of as view_of
+from pyblast.report.diagnosis_figures import rock_map
 
 SLOW = Effect("clock_error", "R2", ((0.0,),))
 DELAYS = Effect("delay_scatter", "B1", ((0.0, 0.0, 0.0),))
@@ -369,3 +370,31 @@ def test_an_unknown_says_first_what_was_not_asked_and_how_its_residual_runs():
     assert "70 % of its energy is vertical; its share grows with the charge to" in said
     lines = diagnosis_lines({"finished": True, **summary})
     assert lines[1] == f"  not asked: air_blast: {why}"
+
+
+def test_the_best_of_cells_behind_one_another_is_shown_in_plan_and_in_section():
+    cells = {"x": [10.0, 10.0, 50.0], "y": [20.0, 20.0, 20.0], "z": [-5.0, -25.0, -5.0],
+             "score": [4.0, 60.0, -3.0]}  # fmt: skip
+    point = {"x": 10.0, "y": 20.0, "z": -25.0, "within_m": 9.0}
+
+    plan, section = rock_map(cells, small_site(), [point])["panels"]
+
+    assert sorted(plan["marks"][0]["values"]) == [0.0, 60.0]
+    assert sorted(section["marks"][0]["values"]) == [0.0, 4.0, 60.0]
+    ends = [(each["x"]["label"], each["y"]["label"]) for each in (plan, section)]
+    assert ends == [("east [m]", "north [m]"), ("east [m]", "height [m]")]
+    assert (section["marks"][-1]["x"], section["marks"][-1]["y"]) == ([10.0], [-25.0])
+
+
+@pytest.mark.parametrize("points", [0, 1])
+def test_a_map_of_the_rock_says_where_or_that_no_place_is_given(points):
+    found, summary = made("UNKNOWN")
+    point = {"x": 71.2, "y": 40.0, "z": -9.6, "within_m": 12.0, "joint": "J1"}
+    cells = {"x": [10.0, 50.0], "y": [20.0, 20.0], "z": [-5.0, -5.0], "score": [4.0, 60.0]}
+    look = summary["located"] | {"points": [point][:points], "cells": cells}
+
+    shown = render_diagnosis(found, summary | {"located": look})
+
+    assert "Where in the rock" in shown
+    assert ("on joint J1 (within 12 m)" in shown) == bool(points)
+    assert ("No place is given" in shown) != bool(points)
