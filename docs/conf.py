@@ -42,7 +42,7 @@ GROUPS = {
     "Blasts": "Blast Firing FiringScatter read_blast superpose signature_spectra blast_spectra "
     "peak_bands best_delays fit_site_law",
     "Many runs": "run_many run_all cached_run workers greens_functions",
-    "Inference": "misfit noise_of whitener band_functions",
+    "Inference": "misfit noise_of band_functions",
     "Errors": "PyblastError InputError",
 }
 

@@ -32,7 +32,7 @@ from pyblast.runs.parallel import workers
 from pyblast.workflows.diagnose import diagnose_file, predict_file
 
 from .independent_cases import WRITTEN
-from .rows import each_row, options
+from .rows import each_row, options, read_rows
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGE = ROOT / "docs" / "quality" / "diagnosis.md"
@@ -57,8 +57,11 @@ COMPARED = (
 )
 
 
-def judged(cases, name, keep, executor):
-    """Diagnose one case, predict its further blast, and open its truth."""
+def judged(cases, name, keep, executor, before):
+    """Diagnose one case, predict its further blast, and open its truth.
+
+    The first answer stays that of the row ``before``, of the first program that gave one.
+    """
     file, out = cases / name / PROJECT, keep / name
     if not file.is_file():
         file = write_projects(cases / name, WRITTEN / name)
@@ -73,17 +76,22 @@ def judged(cases, name, keep, executor):
             predict_file(file, out, answer, truth_folder / f"{BLAST}_holes.csv", path, baseline)
             misfits[model] = _misfit(truth_folder / f"{BLAST}.mseed", path, file)
     truth = tomllib.loads((truth_folder / "truth.toml").read_text())
+    labels = [one["label"] for one in answer["effects"]]
+    first = before.get("outcome", answer["outcome"]), *before.get("labels", labels)
     geometry = {"geometry": truth["template"]} if "template" in truth else {}
     return {
         "truth": truth["effects"],
         **geometry,
+        "first_answer": before.get("first_answer", " ".join(first)),
         "outcome": answer["outcome"],
         "acts": [one["act"] for one in answer["mistakes"]],
-        "labels": [one["label"] for one in answer["effects"]],
+        "labels": labels,
         "named": [one["label"] for one in answer["effects"] if one["named"]],
         "targets": [one["target"] for one in answer["effects"]],
         "class": answer["class"],
         "best": answer["evidence"]["best_labels"],
+        "fails": answer["fails"],
+        "finished": answer["finished"],
         "delta_ln_evidence": answer["evidence"]["delta_ln_evidence"],
         "null_threshold": answer["evidence"]["null_threshold"],
         "explained": answer["evidence"]["explained_share"],
@@ -198,7 +206,10 @@ def main(arguments):
     pool = nullcontext() if study == "sites" else workers()
     with tempfile.TemporaryDirectory() as temporary, pool as executor:
         kept = keep or Path(temporary)
-        rows = each_row(out, names, lambda name: judged(cases, name, kept, executor), **limits)
+        known = read_rows(out)
+        rows = each_row(
+            out, names, lambda name: judged(cases, name, kept, executor, known.get(name, {})), **limits
+        )
     _write_page(study, rows)
 
 

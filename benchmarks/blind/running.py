@@ -27,7 +27,7 @@ from .sealing import LOCKS, freeze
 from .sites import HIDDEN
 from .worlds import delayed
 
-BUDGET = 700  # runs
+MINUTES = 20.0  # of a processor
 DIAGNOSIS_SEED = 1
 
 
@@ -50,7 +50,7 @@ def answer(name: str, store: Path, seals: dict) -> str:
 def _answered(store, name):
     """Return the diagnosis of a case with its predictions."""
     project, runs = project_in(store, name), store / "runs" / name
-    made = diagnose(project, runs, budget=BUDGET, seed=DIAGNOSIS_SEED)
+    made = diagnose(project, runs, minutes=MINUTES, seed=DIAGNOSIS_SEED)
     summary = plain(made.summary)
     model, case, asked = summary["model"], made.scene.case, read_asked(store / "asked" / name)
     after = predictions(case, asked, model["values"], effects_of(model), runs)

@@ -472,9 +472,10 @@ def diagnose_command(
         Path | None,
         typer.Option(help="Folder for the numbered diagnoses and their runs [diagnosis beside]."),
     ] = None,
-    budget: Annotated[
-        int, typer.Option(min=1, help="Runs of one blast after which no further effect is tried.")
-    ] = 400,
+    minutes: Annotated[
+        float | None,
+        typer.Option(help="Of a processor, after which no further effect is tried."),
+    ] = None,
     workers: Annotated[
         int | None, typer.Option(min=1, help="Processes side by side [one for each core].")
     ] = None,
@@ -517,7 +518,7 @@ def diagnose_command(
             workflow.check_further(case, predict, [path for path, _ in outputs], out)
         with console.Progress() as progress, executor_of(workers, dask) as executor:
             result, folder = workflow.diagnose_case(
-                case, out, fresh=fresh, budget=budget, seed=seed, correct=correct,
+                case, out, fresh=fresh, minutes=minutes, seed=seed, correct=correct,
                 executor=executor, progress=progress, say=console.say,
             )  # fmt: skip
         for line in diagnosis_lines(result):

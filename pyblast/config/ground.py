@@ -415,6 +415,8 @@ class JointConfig(Section):
     __pydantic_extra__: dict[str, float]
     law: Name = "coulomb"
     insitu_pressure_kpa: NotNegative = 0.0
+    insitu_gradient_mpa_per_m: NotNegative = 0.0
+    insitu_level_m: Coordinate | None = None
     insitu_shear_kpa: Point = Field([0.0, 0.0, 0.0])
     infill_mm: Infill | None = None
     fill_density_kg_per_m3: Density | None = None
@@ -431,6 +433,8 @@ class JointConfig(Section):
                 raise ValueError(f"{key}: {error}") from None
         if (self.fill_density_kg_per_m3 is None) != (self.fill_thickness_mm is None):
             raise ValueError("fill_density_kg_per_m3 and fill_thickness_mm go together")
+        if (self.insitu_gradient_mpa_per_m > 0.0) != (self.insitu_level_m is not None):
+            raise ValueError("insitu_gradient_mpa_per_m and insitu_level_m go together")
         return self
 
 

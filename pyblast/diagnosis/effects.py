@@ -13,19 +13,21 @@ from ..blasts.blast import Blast
 from ..errors import InputError, contained
 from ..ground.tables import quality_of
 from ..inference.error_model import ErrorModel
+from ..inference.location import Places
 from ..inference.parameter import Parameter, set_all
 from ..project.places import NEAR, resolved_receivers
 from ..project.project import Project
 from ..project.uncertain_ground import factors_of
+from ..simulation.estimate import cost_of
 from ..simulation.simulation import Simulation
-from ..solver.assembly import time_step
+from ..units import plain_number
 from . import library  # noqa: F401  fills the library
 from .calibration import Baseline, attenuated
 from .case import Case
 from .error import learned_error
-from .forward import Surroundings, holds, simulation_of, surroundings
+from .forward import Surroundings, holds, secondary_places, simulation_of, surroundings
 from .hypotheses import FAMILIES, LIBRARY, Hypothesis, blast_and_hole, superposed
-from .thresholds import IDEALISED, MOST_WORK
+from .thresholds import DEAREST, IDEALISED, ORDINARY
 
 FURTHER = "further blast"
 RUNS, HOLES = "runs", "motion of single holes"  # parts of a diagnosis that may fail
@@ -85,12 +87,19 @@ class Scene:
     failures : dict
         Sentences of errors: of effects, by their names and targets; of parts of the diagnosis, by
         the name of the part.
+    budget : float, s
+        Of the price of all runs.
+    others : tuple of Simulation
+        Whose runs count, too.
     """
 
     simulation: Simulation
     baseline: Baseline
     holes: dict[str, np.ndarray]
     failures: dict[frozenset | str, str] = field(default_factory=dict)
+    budget: float = np.inf
+    others: tuple[Simulation, ...] = ()
+    _prices: dict = field(default_factory=dict, repr=False)
     _simulated: dict = field(default_factory=dict, repr=False)
     _corrections: dict = field(default_factory=dict, repr=False)
     _impossible: set = field(default_factory=set, repr=False)
@@ -113,6 +122,11 @@ class Scene:
     def surroundings(self) -> Surroundings:
         """Motion around the receivers in the calibrated ground, by one run of each blast."""
         return surroundings(self.simulation, self.case, self.baseline.project)
+
+    @cached_property
+    def secondary_places(self) -> tuple[Places, Places]:
+        """Cells of the rock and patches of the joints of the calibrated ground, with changes."""
+        return secondary_places(self.simulation, self.case, self.baseline.project)
 
     @cached_property
     def error(self) -> ErrorModel:
@@ -175,6 +189,15 @@ class Scene:
             return None
         return project
 
+    def price(self, values, effects: Sequence[Effect]) -> float:
+        """Return the price in s of a run with calibrated values and effects, before it is meshed.
+
+        Zero where the effects are impossible, and of a mesh of a file.
+        """
+        site = changed_site(self.case.project, values, effects, self.baseline.parameters)
+        cost = None if site is None else self.simulation.of(site, self.case.blasts[0]).cost
+        return 0.0 if cost is None else cost.seconds
+
     def simulate(self, states, blasts: Sequence[int] | None = None) -> list[np.ndarray | None]:
         """Simulate sites with effects, by runs that are not stored yet.
 
@@ -201,11 +224,14 @@ class Scene:
         for key in dict.fromkeys(keys):
             if key not in known and key not in self._impossible:
                 with self.contained(key[1]):
+                    self._refuse_dear(self.price(*key), 1)
                     projects[key] = self.project(*key)
         possible = [key for key, project in projects.items() if project is not None]
-        possible = [*known, *self._possible(possible, blasts, projects)]
-        self._impossible.update(key for key in keys if key not in possible)
-        return [self._gathered(key, blasts) if key in possible else None for key in keys]
+        together = 1 if self.simulation.executor is None else max(len(possible), 1)  # models held
+        for start in range(0, len(possible), together):
+            known += self._possible(possible[start : start + together], blasts, projects)
+        self._impossible.update(key for key in keys if key not in known)
+        return [self._gathered(key, blasts) if key in known else None for key in keys]
 
     def _possible(self, keys, blasts, projects):
         """Run states and return those that can be simulated; one by one if a run fails."""
@@ -233,31 +259,45 @@ class Scene:
             for b in missing
             if (shape, b) not in self._corrections and (shape, b) not in controls
         }
-        for alike in (states, own):
-            for n, state in enumerate(alike.values()):
-                model = self.simulation.model(state)  # raises where it can't be built
-                if n == 0:  # blasts share a ground
-                    self._refuse_work(model)
+        for state in list(states.values())[:1]:  # blasts and controls share its ground
+            self._refuse_dear(self._priced_on_mesh(state), len(states) + len(own))
+        for state in (*states.values(), *own.values()):
+            self.simulation.model(state)  # raises where it can't be built
         controls.update(own)
         return states, shape
 
-    def _refuse_work(self, model):
-        """Refuse a model whose run takes `MOST_WORK` times that of the reference.
+    def _refuse_dear(self, seconds, number):
+        """Refuse a number of runs of a price if they take too much of what the budget leaves.
 
-        Planes and surfaces that nearly meet leave zones without end of their time step.
+        That is more than `DEAREST` of it, and than `ORDINARY` times runs of the reference.
         """
-        times = _work(model) / self._work_of_reference
-        if times > MOST_WORK:
+        ordinary = ORDINARY * self._priced_on_mesh(self._reference)
+        most = max(DEAREST * (self.budget - self.spent), number * ordinary)
+        if number * seconds > most:
             raise InputError(
-                f"its ground takes {times:.2g} times the work of the reference, and at most "
-                f"{MOST_WORK:g} are tried: where planes and surfaces nearly meet, zones are short"
+                f"not computed: its runs take about {plain_number(number * seconds, 2)} s, of the "
+                f"budget {plain_number(most, 2)} s are left for it; give more --minutes"
             )
 
     @cached_property
-    def _work_of_reference(self):
-        """Work of a run of the reference."""
-        reference = self.simulation.of(self.case.project, self.case.blasts[0])
-        return _work(self.simulation.model(reference))
+    def _reference(self):
+        """The reference with one blast, as it is run."""
+        return self.simulation.of(self.case.project, self.case.blasts[0])
+
+    def _priced_on_mesh(self, state):
+        """Return the price in s of a run on the mesh of a state, computed once.
+
+        Planes and surfaces that nearly meet leave zones without end of their time step.
+        """
+        if state.geometry not in self._prices:
+            cost = cost_of(self.simulation.model(state), self.simulation.duration)
+            self._prices[state.geometry] = cost.seconds
+        return self._prices[state.geometry]
+
+    @property
+    def spent(self) -> float:
+        """Price in s of all runs so far."""
+        return sum(each.priced for each in (self.simulation, *self.others))
 
     def _run(self, built, controls, projects):
         """Run the states that are not stored, together with their mesh controls."""
@@ -350,11 +390,6 @@ class Scene:
         change = np.zeros((len(self.case.blasts), *holes.shape[1:]))
         change[at] = fft.irfft(spectrum.sum(axis=0), size)[..., :n]
         return change
-
-
-def _work(model):
-    """Return the work of a run in 1/s: nodes over its time step."""
-    return len(model.nodes.points) / time_step(model)[0]
 
 
 def starting_effects(hypothesis: Hypothesis, target: str, scene: Scene) -> list[Effect]:

@@ -10,6 +10,7 @@ from ..inference.error_model import ErrorModel, Posterior
 from ..inference.fit import Coordinates, FitState, minimise
 from .effects import Effect, Scene
 from .error import gained
+from .thresholds import LARGE
 
 DIFFERENCE = 0.1  # of a prior standard deviation, for derivatives
 LONGEST = 1.5  # prior standard deviations that a parameter of an effect may go in one round
@@ -317,3 +318,22 @@ def corrected(scene: Scene, fit: Fit, shift) -> Fit:
     state.motion = motion
     moved = fitter.fit_at(state, minimise(fitter, state))
     return replace(moved, alternatives=fit.alternatives)
+
+
+def not_improved(scene: Scene, before: Fit, after: Fit) -> tuple[str, ...]:
+    """Return a sentence for each large blast of which a fit explains less than another.
+
+    Large are those of at least `LARGE` of the largest charge.
+    """
+    case = scene.case
+    charge = np.array([np.nansum(case.project.blasts[name].charge) for name in case.blasts])
+    remaining = [np.sum(fit.chi_square * scene.baseline.usual, axis=1) for fit in (before, after)]
+    recorded = np.sum(case.band.project(case.residual(0.0)) ** 2, axis=(1, 2, 3))
+    return tuple(
+        f"blast {name}: {100.0 * more / whole:.1f} % of its energy remain, "
+        f"{100.0 * less / whole:.1f} % without the effect"
+        for name, size, less, more, whole in zip(
+            case.blasts, charge, *remaining, recorded, strict=True
+        )
+        if size >= LARGE * charge.max() and more > less
+    )  # fmt: skip

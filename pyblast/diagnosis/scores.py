@@ -1,5 +1,6 @@
 """Scores of every hypothesis: its change of motion, the error beside it, detection limits."""
 
+from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
@@ -9,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import logsumexp
 
+from ..errors import contained
 from ..inference.error_model import Change, ErrorModel, Level, Scores
 from ..inference.nuisances import UNCORRECTED
 from .case import Case
@@ -186,7 +188,8 @@ def members_of(
         for target in hypothesis.targets(case):
             run, scored = _blasts_of(target, case)
             tried += [(t, run, scored) for t in trials(hypothesis, target, scene)]
-    by_runs = [row for row in tried if row[0].effects[0].hypothesis.on == "site"]
+    on_site = [row for row in tried if row[0].effects[0].hypothesis.on == "site"]
+    by_runs = _cheapest_first(scene, on_site)
     done = [
         (trial, scored, _change_without_runs(scene, trial))
         for trial, _, scored in tried if trial.effects[0].hypothesis.on != "site"
@@ -206,6 +209,23 @@ def members_of(
         Member(trial, Change(shapes / (trial.share or 1.0), trial.share == 0.0), scored)
         for trial, scored, shapes in done if shapes is not None and np.any(shapes)
     ]  # fmt: skip
+
+
+def _cheapest_first(scene, rows):
+    """Return rows of trials by blasts, in the order of what they decide for their price.
+
+    The first value and target of a hypothesis decides most, each further one less.
+    """
+    turns: Counter[str] = Counter()
+    keyed, values = [], 0.0 * scene.baseline.values
+    for number, row in enumerate(rows):
+        effect = row[0].effects[0]
+        turns[effect.name] += 1
+        price = np.inf
+        with contained({}, effect.where):
+            price = scene.price(values, (effect,))
+        keyed.append((row[1], turns[effect.name] * price, number))
+    return [rows[number] for *_, number in sorted(keyed)]
 
 
 def _change_without_runs(scene, trial):
@@ -378,6 +398,16 @@ class SiteScores:
             if member.label == label and member.hypothesis.on == "site"
         ]
         return max(pairs, key=lambda pair: pair[0], default=(None, None))[1]
+
+    def other_forms(self, effect: Effect, fit: Fit) -> list[tuple[Effect, float]]:
+        """Return where to fit the other forms of an effect on the site, best first, with scores."""
+        forms = [
+            hypothesis for hypothesis in dict.fromkeys(each.hypothesis for each in self.members)
+            if hypothesis.label == effect.label and hypothesis.on == "site"
+            and hypothesis is not effect.hypothesis
+        ]  # fmt: skip
+        pairs = [pair for form in forms for pair in self.starts(form, fit).values()]
+        return sorted(pairs, key=lambda pair: -pair[1])
 
     def starts(self, hypothesis: Hypothesis, fit: Fit) -> dict[str, tuple[Effect, float]]:
         """Return where to fit a hypothesis at each target, the best of its starts, and its score.

@@ -8,7 +8,7 @@ import numpy as np
 from ..errors import contained
 from .effects import Scene
 from .error import with_calibrated
-from .fitting import LONGEST, Fit, fit, fit_calibrated
+from .fitting import LONGEST, Fit, fit, fit_calibrated, not_improved
 from .hypotheses import LIBRARY
 from .scores import SiteScores, members_of, of_speeds
 from .thresholds import DECISIVE, LEAD, LEAST_SCORE, MATERIAL, MOST_EFFECTS, NOT_LINEAR, REFIT_GAIN
@@ -27,8 +27,6 @@ class Search:
     Parameters
     ----------
     scene : Scene
-    limit : int
-        Number of runs after which no further effect is tried.
     progress : callable
         Called with (stage, done, total).
     without_effects : Fit
@@ -49,7 +47,6 @@ class Search:
     """
 
     scene: Scene
-    limit: int
     progress: Callable
     without_effects: Fit
     fits: list[Fit] = field(default_factory=list)
@@ -115,8 +112,9 @@ class Search:
 
     def runs_left(self) -> bool:
         """Tell whether the budget allows more runs."""
-        self.finished = self.finished and self.scene.simulation.runs < self.limit
-        return self.scene.simulation.runs < self.limit
+        more = self.scene.spent < self.scene.budget
+        self.finished = self.finished and more
+        return more
 
     def _lead(self, best, other):
         """Return the log Bayes factor between two fits."""
@@ -125,7 +123,6 @@ class Search:
 
 def search(
     scene: Scene,
-    limit: int,
     progress: Callable = lambda *_: None,
     known: Callable[[Search], object] = lambda _: None,
     seed: int = 1,
@@ -138,8 +135,7 @@ def search(
     Parameters
     ----------
     scene : Scene
-    limit : int
-        Number of runs after which no further effect is tried.
+        With the budget after which no further effect is tried.
     progress : callable, optional
         Called with (stage, done, total).
     known : callable, optional
@@ -158,7 +154,7 @@ def search(
         known(state)
         progress(*step)
 
-    state = Search(scene, limit, report, chosen, chosen=chosen)
+    state = Search(scene, report, chosen, chosen=chosen)
     testable = any(not hypothesis.untestable(scene.case) for hypothesis in LIBRARY.values())
     return _scored(state, seed) if testable else state
 
@@ -221,7 +217,7 @@ def _refit(search, base):
         search.progress(f"fit {label}", done, len(ranked))
         _fit_without_runs(search, base, label)
         if start is not None:
-            _fit_by_runs(search, base, start, score)
+            _fit_forms(search, base, start, score)
         by_runs += start is not None
 
 
@@ -243,6 +239,19 @@ def _start(search, base, label, score):
         effect, again = search.scores.best_of(tried, base) or (effect, score)
         score = max(score, again)
     return effect, score
+
+
+def _fit_forms(search, base, effect, score):
+    """Fit an effect on the site on a fit, and its other forms while a large blast fits less."""
+    tried = {effect.name}
+    _fit_by_runs(search, base, effect, score)
+    for other, score in search.scores.other_forms(effect, base):
+        fits = [fit for fit in search.ranked() if effect.label in fit.labels]
+        if not fits or not not_improved(search.scene, search.without_effects, fits[0]):
+            break
+        if other.name not in tried and search.runs_left():
+            _fit_by_runs(search, base, other, score)
+            tried.add(other.name)
 
 
 def _fit_by_runs(search, base, effect, score):

@@ -107,7 +107,9 @@ def make_joint(where, surface, config):
     if config.fill_density_kg_per_m3 is not None:
         mass = config.fill_density_kg_per_m3 * to_si("fill_mm", config.fill_thickness_mm)[1]
     shear = tuple(to_si("shear_kpa", config.insitu_shear_kpa)[1])
-    joint = Joint(surface, config.law, properties, pressure, shear, mass)
+    gradient = to_si("gradient_mpa_per_m", config.insitu_gradient_mpa_per_m)[1]
+    level = config.insitu_level_m or 0.0
+    joint = Joint(surface, config.law, properties, pressure, shear, mass, gradient, level)
     if config.water_aperture_mm is None:
         return joint
     return saturated(joint, to_si("aperture_mm", config.water_aperture_mm)[1])

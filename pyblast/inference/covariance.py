@@ -1,87 +1,12 @@
-"""Covariance of residuals: noise and model error of each record, and its whitening."""
+"""Covariance of residuals: noise and model error of each record."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
-from scipy import linalg
 
 from .nuisances import scattering
-from .records import Band, Noise, Records, symmetric_root
-
-
-@dataclass(frozen=True, eq=False)
-class Whitener:
-    """Whitening of residuals by the covariance of each record; built by `whitener`.
-
-    Parameters
-    ----------
-    band : Band
-    roots : (n_blasts, n_receivers, 3 n_functions, 3 n_functions) float64, s/m
-        Inverse roots of the covariance of each record, symmetric, which shift the data least in
-        time; theory.md (7.17). Zero where functions are lost.
-    noise_share : (n_blasts, n_receivers) float64
-        Mean square of whitened noise alone.
-    n_data_each : (n_blasts, n_receivers) int
-        Coefficients of each record that carry data; fewer where samples are invalid.
-    """
-
-    band: Band
-    roots: np.ndarray
-    noise_share: np.ndarray
-    n_data_each: np.ndarray
-
-    def apply(self, residual) -> np.ndarray:
-        """Whiten a residual.
-
-        Parameters
-        ----------
-        residual : (..., n_blasts, n_receivers, 3, n_samples) float, m/s
-
-        Returns
-        -------
-        (..., n_blasts, n_receivers, 3, n_functions) float64
-            Independent, of unit variance if the covariance is right; their sum of squares is
-            ``r^T C^-1 r``. `Band.restore` returns them as a time series.
-        """
-        held = self.band.project(residual)
-        return applied(self.roots, held.reshape(*held.shape[:-2], -1)).reshape(held.shape)
-
-
-def whitener(
-    noise: Noise, band: Band, n_blasts: int, scattered: np.ndarray | None = None
-) -> Whitener:
-    """Build the whitening by noise and scattered motion.
-
-    Parameters
-    ----------
-    noise : Noise
-    band : Band
-    n_blasts : int
-    scattered : (n_blasts, n_receivers, 3, n_functions, n_functions) float, (m/s)2, optional
-        Covariance of each channel, as of `scattering`.
-    """
-    n_receivers, size = len(noise.variance), 3 * band.n_functions
-    roots, n_data = np.empty((n_blasts, n_receivers, size, size)), np.empty((n_blasts, n_receivers))
-    shares, whole = np.ones(n_data.shape), {}
-    for b, r in np.ndindex(n_data.shape):
-        gapped = any((b, r, c) in band.gapped for c in range(3))
-        if gapped or r not in whole:
-            block = noise.covariance(band, b, r)
-            known = symmetric_root(block, -0.5), np.count_nonzero(np.diag(block) > 0.0)
-            if not gapped:
-                whole[r] = known
-        else:
-            known = whole[r]
-        root, n_data[b, r] = known
-        if scattered is not None:
-            spread, vector = linalg.eigh(root @ linalg.block_diag(*scattered[b, r]) @ root)
-            deviation = np.sqrt(1.0 + np.maximum(spread, 0.0))
-            root = vector @ (vector.T @ root / deviation[:, None])
-            lost = size - n_data[b, r]
-            shares[b, r] = (np.sum(deviation**-2.0) - lost) / max(n_data[b, r], 1)
-        roots[b, r] = root
-    return Whitener(band, roots, shares, n_data.astype(int))
+from .records import Band, Noise, Records
 
 
 def applied(blocks, numbers):

@@ -79,12 +79,16 @@ class Joint:
         In SI, friction and dilation as tangents; those left out have the defaults of the law,
         ``JOINT_LAWS[law].properties``.
     insitu_pressure : float, Pa
-        Normal pressure before the blast; a static stage replaces it.
+        Normal pressure before the blast, at ``insitu_level``; a static stage replaces it.
     insitu_shear : (3,) float, Pa
         Shear traction before the blast, on the side behind the normal; only the part in the plane
         is used, and a static stage replaces it.
     fill_mass : float, kg/m2
         Mass of a fill per area, half of it on each side; theory.md (3.20).
+    insitu_gradient : float, Pa/m
+        Growth of that pressure with depth, such as that of the weight of rock less that of water.
+    insitu_level : float, m
+        Height at which the pressure is given, where it grows.
 
     Raises
     ------
@@ -105,6 +109,8 @@ class Joint:
     insitu_pressure: float = 0.0
     insitu_shear: tuple[float, float, float] = (0.0, 0.0, 0.0)
     fill_mass: float = 0.0
+    insitu_gradient: float = 0.0
+    insitu_level: float = 0.0
 
     def __post_init__(self) -> None:
         """Take the defaults of the law and check all values."""
@@ -117,6 +123,8 @@ class Joint:
             raise InputError(
                 f"{where}.insitu_pressure: must not be negative, got {self.insitu_pressure:g} Pa"
             )
+        if not (math.isfinite(self.insitu_gradient) and math.isfinite(self.insitu_level)):
+            raise InputError(f"{where}.insitu_gradient: gradient and level must be finite")
         if not (math.isfinite(self.fill_mass) and self.fill_mass >= 0.0):
             raise InputError(
                 f"{where}.fill_mass: must not be negative, got {self.fill_mass:g} kg/m2"
@@ -126,6 +134,18 @@ class Joint:
             raise InputError(
                 f"{where}.insitu_shear: must be three finite numbers, got {self.insitu_shear}"
             )
+
+    def pressure_at(self, height: np.ndarray) -> np.ndarray:
+        """Return the normal pressure in Pa before the blast at heights (n,) in m, never negative.
+
+        Examples
+        --------
+        >>> joint = Joint("F1", "elastic", {"kn": 1e9, "ks": 1e9}, 1e5, insitu_gradient=1e4)
+        >>> joint.pressure_at(np.array([-5.0, 0.0, 20.0])).tolist()
+        [150000.0, 100000.0, 0.0]
+        """
+        growth = self.insitu_gradient * (self.insitu_level - np.asarray(height, dtype=float))
+        return np.maximum(0.0, self.insitu_pressure + growth)
 
     def tangents(self, pressure: float) -> tuple[float, float]:
         """Return the tangent stiffnesses kn and ks in Pa/m under a normal pressure in Pa.

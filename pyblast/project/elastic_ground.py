@@ -9,7 +9,6 @@ from ..core import JOINT_LAWS
 from ..errors import Finding, InputError
 from ..mesh.mesh import locate_in_zones, zone_edge_lengths
 from ..model.ground_fields import elastic_radius, near_groups, near_joints
-from ..model.joint import Joint
 from ..model.material import Damping, Elastic
 from ..model.model import Model
 from ..model.source import Column, Hole, MomentTensor
@@ -175,9 +174,9 @@ def with_elastic_ground(model: Model, ground: ElasticGround | None) -> Model:
         if joint.surface + SUFFIX in parted:
             kn, ks = joint.tangents(pressures[joint.surface])
             joints.append(
-                Joint(
-                    joint.surface + SUFFIX, "elastic", {"kn": kn, "ks": ks},
-                    joint.insitu_pressure, joint.insitu_shear, joint.fill_mass,
+                replace(
+                    joint, surface=joint.surface + SUFFIX, law="elastic",
+                    properties={"kn": kn, "ks": ks},
                 )
             )  # fmt: skip
     return replace(

@@ -1,6 +1,7 @@
 """A project: everything that its file names, as objects in SI units, and variants of it."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from pathlib import Path
@@ -98,6 +99,8 @@ class Project:
     span : float, m, optional
         Longest path between sources and receivers that sets the edges, in place of that between
         those of the file.
+    uncut : bool
+        Whether the ground is refused where its mesh would need tetrahedra.
     meshes : dict
         Meshes of this project and of what `replace` makes of it, each built once; shared.
     log : ReadLog
@@ -112,6 +115,7 @@ class Project:
     fields: tuple = ()
     terrain: np.ndarray | None = None
     span: float | None = None
+    uncut: bool = False
     meshes: dict[tuple, Any] = field(default_factory=dict, repr=False)
     log: ReadLog = field(default_factory=ReadLog, repr=False)
 
@@ -235,7 +239,7 @@ class Project:
         if self.sized is not self.ground and self.dear is not None:
             raise InputError(f"{self.path.name}: mesh.minutes: {self.dear.text}")
         with named_error(self.path.name):
-            return mesh_ground(self.ground, self._places, self._top, self._model_on)
+            return mesh_ground(self.ground, self._places, self._top, self._model_on, self.uncut)
 
     @property
     def _places(self):
@@ -292,8 +296,11 @@ class Project:
         """
         fitted = sizes_for_band(self.ground, highest, accuracy)
         plain = self.config.mesh.model_copy(update={"near_source_work": fitted.near_source_work})
-        if fitted == plain or self.changed(mesh=fitted).meshed.mesh.hexahedral:
-            return fitted
+        if fitted == plain:
+            return plain
+        with suppress(InputError):  # edges of that size that don't build this ground
+            if self.changed(mesh=fitted).meshed.mesh.hexahedral:
+                return fitted
         return plain
 
     def refined(self, error: float = FINER_ERROR) -> MeshConfig | None:

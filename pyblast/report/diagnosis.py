@@ -16,7 +16,14 @@ from ..diagnosis.decision import (
 from ..diagnosis.fitting import Fit
 from ..diagnosis.hypotheses import LIBRARY
 from ..diagnosis.search import material, means
-from ..diagnosis.summary import acts, diagnosis_lines, holes_in_words, not_computed
+from ..diagnosis.summary import (
+    acts,
+    diagnosis_lines,
+    holes_in_words,
+    not_asked,
+    not_computed,
+    place_in_words,
+)
 from ..diagnosis.thresholds import (
     DECISIVE,
     ENERGY_SHARE,
@@ -24,6 +31,7 @@ from ..diagnosis.thresholds import (
     FAR_OFF,
     MATERIAL,
     MESH_SHARE,
+    OPEN_SET,
 )
 from ..errors import contained
 from ..files import plain, write_text
@@ -39,6 +47,7 @@ from .diagnosis_figures import (
     holes_figure,
     maps_figure,
     ranking_figure,
+    rock_map,
     time_frequency_figure,
 )
 from .pages import page
@@ -51,7 +60,7 @@ MEANINGS = {
     "CLASS": "an effect is missing; these records cannot distinguish between a few",
     "COMPOSITE": "several effects are missing together, and each is needed",
     "PARTIAL": "an effect explains much, but not all of it is explained or tested",
-    "UNKNOWN": "something is missing that no effect of the library explains",
+    "UNKNOWN": "something is missing that no effect that could be asked explains",
     "MISTAKE": "records or hole tables hold a mistake; the ground has not been judged",
 }
 USUAL = {
@@ -61,6 +70,7 @@ USUAL = {
     "Pa/m": (("MPa/m", FACTORS["mpa_per_m"]), ("GPa/m", FACTORS["gpa_per_m"])),
     "rad": (("°", radians(1.0)),),
 }
+AIR = 340.0  # m/s, speed of sound
 COUNTS = {2: "Two", 3: "Three"}
 
 
@@ -88,7 +98,8 @@ def render_diagnosis(diagnosis: Diagnosed, summary: dict) -> str:
     lists = {"s": summary | {"assumed": [], "files_sha256": {}}, "far": FAR_FROM_PRIOR}
     with contained(failures, "page"):
         return page("diagnosis.html").render(
-            meanings=MEANINGS, failures=not_computed(failures), **lists, **parts
+            meanings=MEANINGS, place=place_in_words, failures=not_computed(failures), **lists,
+            **parts,
         )
     with contained(failures, "lines"):
         parts["lines"] = diagnosis_lines(summary)
@@ -106,6 +117,7 @@ def _parts(diagnosis, summary, failures):
         "mistakes": lambda: acts(summary),
         "ranking": lambda: ranking_rows(diagnosis),
         "scored": lambda: score_rows(summary),
+        "asked": lambda: list(not_asked(summary)),
         "detection_limits": lambda: detection_limit_rows(summary),
         "required": lambda: required_evidence(summary),
         "share": lambda: share(summary),
@@ -118,6 +130,7 @@ def _parts(diagnosis, summary, failures):
     figures = {
         "maps": (
             lambda: _map_figures(diagnosis, summary),
+            lambda: _rock_maps(diagnosis, summary),
             lambda: _time_frequency(diagnosis, summary),
         ),
         "rank_figure": (lambda: _rank_figures(diagnosis, summary),),
@@ -160,14 +173,17 @@ def _answer(diagnosis, summary):
                 "the records of all receivers within noise and model error."
             )
         which = "every effect of the library was scored"
+        if not_asked(summary):
+            which = f"every effect but {joined_by_and(list(not_asked(summary)))} was scored"
         if not summary["finished"]:
-            which = "the effects that the budget of runs sufficed for were scored"
+            which = "the effects that the budget sufficed for were scored"
         return (
             f"Nothing is missing that these records could show: {which}, and none is above what "
             "the error explains. What would have been detected is listed below."
         )
     if outcome == "UNKNOWN":
-        return f"Something is missing{_near(summary['located'])}, and {_why_not(summary)}."
+        said = f"Something is missing{_near(summary['located'])}, and {_why_not(summary)}."
+        return f"{_not_asked(summary)}{said}{_alike(summary['located'])}"
     sentences = [f"{claim} ({label})." for label, claim in claims(decision.fit)]
     basis = f"This explains {share(summary)} of the misfit that exceeds noise and model error, "
     if not material(diagnosis.search.without_effects.chi_square):
@@ -190,8 +206,36 @@ def _answer(diagnosis, summary):
     elif outcome == "PARTIAL" and _more_remains(diagnosis):
         basis += f" But something else is missing{_near(summary['remainder'])}."
     elif outcome == "PARTIAL" and not summary["finished"]:
-        basis += " But the budget of runs ended before all other effects were tried."
+        basis += " But the budget ended before all other effects were tried."
     return " ".join([*sentences, basis])
+
+
+def _not_asked(summary):
+    """Return the sentence on what was not asked, by reason; empty where all was."""
+    by_reason = {}
+    for label, reason in not_asked(summary).items():
+        by_reason.setdefault(reason, []).append(label)
+    rows = [f"{joined_by_and(labels)} ({reason})" for reason, labels in by_reason.items()]
+    return f"Not asked: {'; '.join(rows)}. " if rows else ""
+
+
+def _alike(located):
+    """Return what a residual shows by itself: how it runs, where it points, how it grows."""
+    if located is None:
+        return ""
+    parts, run = [], located["moveout"]
+    if run is not None:
+        low, high = (f"{run[key]:.0f}" for key in ("low", "high"))
+        from_ = "from the blast" if run["azimuth_deg"] is None else (
+            f"towards {run['azimuth_deg']:.0f}°"
+        )  # fmt: skip
+        air = ", as a wave in air does" if run["low"] <= AIR <= run["high"] else ""
+        parts.append(f"it runs {from_} over the receivers at {low} to {high} m/s{air}")
+    direction, share = max(located["polarisation"].items(), key=lambda pair: pair[1])
+    parts.append(f"{100 * share:.0f} % of its energy is {direction}")
+    if located["growth"] is not None:
+        parts.append(f"its share grows with the charge to the power {located['growth']:.2g}")
+    return f" By itself: {'; '.join(parts)}."
 
 
 def _more_remains(diagnosis):
@@ -224,9 +268,14 @@ def _why_not(summary):
     if not evidence["ranking"]:
         return "these records can test no effect of the library, so none was tried"
     if tested is None and not summary["finished"]:
-        return "the budget of runs ended before all effects of the library were tried"
+        return "the budget ended before all effects of the library were tried"
     if tested is None:
         return "nothing in the library explains it"
+    if evidence["open_set"] is not None and evidence["open_set"] < OPEN_SET:
+        return (
+            f"the cause is outside of the library: its best candidate, {best}, has "
+            f"{evidence['open_set']:.2g} of the evidence of sources anywhere in the ground"
+        )
     reason = "does not predict held-out records"
     if tested["improves"]:
         reason = "leaves too much unexplained"
@@ -273,10 +322,7 @@ def _near(located):
         return ""
     names = list(located["receivers"])
     (f0, f1), (t0, t1) = located["frequency_hz"], located["time_s"]
-    points = "".join(
-        f" near east {p['x']:.0f} m, north {p['y']:.0f} m (within {0.5 * p['resolution_m']:.0f} m)"
-        for p in located["points"]
-    )
+    points = "".join(f" near {place_in_words(point)}" for point in located["points"])
     seen = f", seen at {joined_by_and(names)}" if names else ", seen"
     return f"{points}{seen} at {f0:.3g} to {f1:.3g} Hz, {t0:.2g} to {t1:.2g} s after the first hole"
 
@@ -470,7 +516,7 @@ def assumptions(diagnosis: Diagnosed, summary: dict) -> list[str]:
         names = joined_by_and(summary["data_quality"]["receivers_without_records"])
         sentences.append(f"Receivers without records are not used: {names}.")
     if not summary["finished"]:
-        sentences.append("The budget of runs ended before the search was complete.")
+        sentences.append("The budget ended before the search was complete.")
     return sentences
 
 
@@ -480,7 +526,7 @@ def _map_figures(diagnosis, summary) -> Iterator[Figure]:
     misfits = {title: means(fit.chi_square, 0) for title, fit in fits.items()}
     points, targets = _points(summary), _targets(diagnosis)
     diagnosed = _diagnosed(diagnosis)
-    depth = " Its depth is not resolved." if points else ""
+    depth = ""
     if case.project.config.mesh.faults:
         depth += " Of a joint, the line is its trace on the ground, the face what lies below."
     yield (
@@ -492,6 +538,23 @@ def _map_figures(diagnosis, summary) -> Iterator[Figure]:
             targets=targets, points=points, diagnosed=diagnosed,
         ),
     )  # fmt: skip
+
+
+def _rock_maps(diagnosis, summary) -> Iterator[Figure]:
+    """Draw where in the rock a change would explain what remains."""
+    look = summary[_located_by(summary)]
+    if look is None or look["cells"] is None:
+        return
+    where = f"Most like a change at {joined_by_and([place_in_words(p) for p in look['points']])}."
+    if not look["points"]:
+        where = "No place is given: none explains enough, or too much of the ground would do."
+    beside = " beside the answer" if _located_by(summary) == "remainder" else ""
+    yield (
+        "Where in the rock",
+        f"How well a soft or stiff body at each place explains the records{beside}: Δ ln evidence, "
+        f"which pays for its freedom. {where} Linear: a void shows too deep.",
+        lambda: rock_map(look["cells"], diagnosis.search.scene.case.project, look["points"]),
+    )
 
 
 def scene_of(diagnosis: Diagnosed, summary: dict) -> dict:
@@ -532,8 +595,13 @@ def _targets(diagnosis):
 
 def _points(summary):
     """Return where residuals are located that the answer does not explain."""
-    key = {"UNKNOWN": "located", "PARTIAL": "remainder"}.get(summary["outcome"])
-    return [] if key is None or summary[key] is None else summary[key]["points"]
+    located = summary[_located_by(summary)]
+    return [] if located is None else located["points"]
+
+
+def _located_by(summary):
+    """Return which residual is located: that without effects, or that beside the answer."""
+    return "located" if summary["outcome"] in ("UNKNOWN", "CLASS") else "remainder"
 
 
 def _diagnosed(diagnosis):

@@ -138,10 +138,10 @@ class _Counts:
         return more + (elastic + self.relaxing * (relaxing - elastic)) * self.zones
 
 
-def cost_of(model: Model, duration: float, progress: Callable | None = None) -> Cost:
-    """Return what a run of a model costs over a duration in s; ``progress`` as of `time_step`."""
+def cost_of(model: Model, duration: float, dt: float | None = None) -> Cost:
+    """Return what a run of a model costs over a duration in s, at a given step or its own."""
     nodes, mesh = model.nodes, model.mesh
-    n_steps = int(np.ceil(duration / time_step(model, progress)[0]))
+    n_steps = int(np.ceil(duration / (dt or time_step(model)[0])))
     count = np.bincount(mesh.zone_group, minlength=len(mesh.groups)) / len(mesh.zones)
     kind = mesh.order if mesh.hexahedral else "quadratic" if model.quadratic else "linear"
     counts = _Counts(

@@ -44,6 +44,7 @@ FINER_ERROR = 0.2  # of the mesh that estimates this error, over that of fits
 LINEAR_EDGE = 0.6  # of linear zones where a law needs them, over that of quadratic ones
 FINER_EDGE = 0.63  # the same for edges of tetrahedra
 SOFT = 0.3  # S speed over that of the ground beneath: docs/quality/verification.md
+NARROWER = 0.7, 0.5, 0.35, 0.25  # width of zones that follow a surface, over that of others
 SHARP = 0.015  # of an edge: tolerance of tetrahedra where the usual one bends planes
 SHARPER = 0.25  # of that, where facets of a set that nearly meets a fault are still missing
 RELIEF = 0.5 * OF_WAVE  # of the shortest wavelength, of tetrahedra to a survey
@@ -67,11 +68,14 @@ class Meshed:
         One sentence.
     rows : tuple of Row
         Survey of what was built beside what was asked for.
+    cut : bool
+        Whether the zones are hexahedra cut out of tetrahedra.
     """
 
     mesh: Mesh
     reason: str
     rows: tuple[Row, ...] = ()
+    cut: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,6 +133,7 @@ def mesh_ground(
     stations: Stations,
     top: Callable[[], float | None],
     model_on: Callable[[Mesh], Model],
+    uncut: bool = False,
 ) -> Meshed:
     """Build or read the mesh of a ground of the elements that it asks for.
 
@@ -141,6 +146,9 @@ def mesh_ground(
     model_on : callable
         ``(mesh, not split) -> model``: what is placed in a mesh, to see which receivers stand too
         near to sources there.
+    uncut : bool
+        Whether ground of kind "auto" is refused where it needs tetrahedra, or hexahedra cut out of
+        them: these cost ten seconds to build and hundreds of times the work to run.
 
     Raises
     ------
@@ -148,14 +156,14 @@ def mesh_ground(
         If the ground asks for hexahedra and they don't serve it.
     """
     sized = sized_by_blast(ground, top)
-    meshed = _meshed(sized, stations, model_on)
+    meshed = _meshed(sized, stations, model_on, uncut and ground.mesh.kind == "auto")
     if sized is ground:
         return meshed
     words = f"; sized for the {sized.frequency:.3g} Hz of the blast"
     return replace(meshed, reason=meshed.reason + words)
 
 
-def _meshed(ground, stations, model_on):
+def _meshed(ground, stations, model_on, uncut):
     """Build the mesh of a ground whose edges are known."""
     kind = ground.mesh.kind
     if ground.mesh.file is not None:
@@ -165,11 +173,13 @@ def _meshed(ground, stations, model_on):
     obstacle = obstacle_to_hexahedra(ground)
     if obstacle is None:
         try:
-            build = partial(_hexahedra, ground, stations, wave=wave)
+            build = partial(_hexahedra, ground, stations, wave=wave, uncut=uncut)
             meshed = build(asked)
             return _resolving(ground, stations, meshed, asked, model_on, build)
         except NotMapped as reason:
             obstacle = str(reason)
+    if uncut:
+        raise InputError(f"mesh: hexahedra between its planes do not serve this ground: {obstacle}")
     if kind == "hexahedra":
         raise InputError(
             f"mesh.kind: 'hexahedra' do not serve this ground: {obstacle}; take 'auto' or "
@@ -488,10 +498,11 @@ def _soft_soil(ground):
     return None
 
 
-def _hexahedra(ground, stations, geometry, wave, lines=None):
+def _hexahedra(ground, stations, geometry, wave, uncut, lines=None):
     """Return a mesh of hexahedra: the first as asked for, of builders and orders by work.
 
-    Tetrahedra are cut into hexahedra where no other serves, then once more with half the edges.
+    Where a surface alone is not as asked for, narrower zones follow it. Tetrahedra are cut into
+    hexahedra where no other serves, then once more with half the edges, if they may.
     """
     order, reasons = ground.mesh.order, {}
     lowest = stations.lowest_order
@@ -499,8 +510,8 @@ def _hexahedra(ground, stations, geometry, wave, lines=None):
     plain = mapped.is_plain(geometry)
     builders = {PLAIN: mapped.build_mapped} if plain else BUILDERS
 
-    def meshes(order, builders, factor=1.0):
-        sizes = factor * layer_sizes(ground, stations, order)
+    def meshes(order, builders, factor: float | tuple[float, float] = 1.0):
+        sizes = np.multiply(factor, layer_sizes(ground, stations, order))
         for how, build in builders.items():
             try:
                 with named_error("mesh"):
@@ -522,14 +533,24 @@ def _hexahedra(ground, stations, geometry, wave, lines=None):
             best = min(trials, key=lambda each: each[0])[2].order
             trials += meshes(max(lowest, best + (1 if best == max(ORDERS) else -1)), builders)
     trials.sort(key=lambda each: each[0])
+    rough = []  # orders of meshes whose surface alone is not as asked for
+    narrow = (
+        each
+        for factor in NARROWER
+        for first in rough[:1]
+        for each in meshes(first, builders, (factor, 1.0))
+    )
     cut = {CUT: subdivided.build_subdivided}
-    last = (each for factor in (1.0, 0.5) for each in meshes(order or ORDERS[0], cut, factor))
-    for _, how, mesh in chain(trials, last):
+    factors = () if uncut else (1.0, 0.5)
+    last = (each for factor in factors for each in meshes(order or ORDERS[0], cut, factor))
+    for _, how, mesh in chain(trials, narrow, last):
         rows = as_built(mesh, geometry, wave, stations.positions)
         wrong = differences(rows)
+        if all(row.good or row.name == "top" for row in rows):
+            rough.append(mesh.order)
         if not wrong:
             why = reasons if how == CUT else ()
-            return Meshed(mesh, _sentence(mesh, how, why), rows)
+            return Meshed(mesh, _sentence(mesh, how, why), rows, how == CUT)
         reasons.setdefault(f"hexahedra {how} would be other ground than asked for: {wrong}")
     raise NotMapped("; ".join(reasons) or "its hexahedra would be inverted")
 

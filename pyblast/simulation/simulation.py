@@ -15,12 +15,14 @@ from ..runs.parallel import CachedRun, is_single, run_all
 from ..signals.seismogram import Seismogram
 from ..solver.assembly import Step
 from ..solver.run import run_many, simulate
+from .estimate import Cost, cost_of
 
 
 class State(Protocol):
     """State: ground with shots, of which models are made, such as a `Project`."""
 
     model: cached_property[Model]  # of the first shot, from `lead` before the first firing on
+    cost: cached_property[Cost | None]  # of its run, before it is meshed
 
     @property
     def lead(self) -> float:
@@ -77,6 +79,8 @@ class Simulation:
         Number of runs, and number of those that were in the folder already.
     cached_s : float, s
         Time that the latter took when they were run.
+    priced : float, s
+        Processor time of all runs by their price, whichever machine they were run on.
     """
 
     shots: tuple[str, ...]
@@ -92,6 +96,7 @@ class Simulation:
     runs: int = 0
     cached: int = 0
     cached_s: float = 0.0
+    priced: float = 0.0
     _known: set = field(default_factory=set, repr=False)
 
     def motion(self, state: State, shots: Sequence[str] | None = None) -> np.ndarray:
@@ -135,7 +140,8 @@ class Simulation:
         """Run models, or read their stored runs, and count them."""
         done = run_all(models, self.duration, folder=self.folder, executor=self.executor)
         self.runs += len(done)
-        for run in done:
+        for model, run in zip(models, done, strict=True):
+            self.priced += cost_of(model, self.duration, run.dt).seconds
             key = run.provenance["input_sha256"], *run.seismograms
             if run.from_cache and key not in self._known:
                 self.cached, self.cached_s = self.cached + 1, self.cached_s + run.wall_seconds
@@ -184,6 +190,7 @@ class Simulation:
             executor=self.executor,
         )
         self.runs += bank.runs
+        self.priced += bank.runs * cost_of(models[0], self.duration, bank.dt).seconds
         return [
             np.stack([self.sampled(bank.blast([replace(source, time=each.lead)]), each.lead)
                       for source in row])

@@ -409,7 +409,7 @@ def _contacts(model):
         property_row(law, joint.properties, N_JOINT_PROPERTIES)
         for law, joint in zip(laws, joints, strict=True)
     ]
-    pressure = np.array([joint.insitu_pressure for joint in joints])[contacts.joint]
+    pressure = initial_pressures(model)
     shear = np.array([joint.insitu_shear for joint in joints])[contacts.joint]
     shear -= np.einsum("ci,ci->c", shear, contacts.normal)[:, None] * contacts.normal
     return {
@@ -421,6 +421,17 @@ def _contacts(model):
         "contact_joint": contacts.joint.astype(np.int32),
         "contact_initial": shear - pressure[:, None] * contacts.normal,
     }
+
+
+def initial_pressures(model: Model) -> np.ndarray:
+    """Return the normal pressure (n_contacts,) in Pa of joints before the blast, as they state."""
+    contacts, pressure = model.nodes.contacts, np.zeros(len(model.nodes.contacts.area))
+    height = model.nodes.points[contacts.minus, 2]
+    by_name = {joint.surface: joint for joint in model.joints}
+    for number, name in enumerate(contacts.names):
+        own = contacts.joint == number
+        pressure[own] = by_name[name].pressure_at(height[own])
+    return pressure
 
 
 def _fill_mass(model):

@@ -13,7 +13,7 @@ from ..mesh.spectral_nodes import SpectralNodes
 from ..mesh.tetrahedra import shape_gradients
 from ..model.joint import carried_over
 from ..model.model import InSitu, Model
-from .assembly import initial_state, stiffness_arrays, zone_product
+from .assembly import initial_pressures, initial_state, stiffness_arrays, zone_product
 from .hexahedra import without_layer
 from .loads import static_conditions
 from .time_step import contact_bounds, largest_eigenvalue, model_frequencies, with_joints
@@ -134,10 +134,14 @@ def joint_pressures(model: Model) -> dict[str, float]:
     """Return the mean effective in-situ normal pressure in Pa of each joint, by surface."""
     pressures = {joint.surface: joint.insitu_pressure for joint in model.joints}
     contacts = model.nodes.contacts
-    if model.insitu is None or contacts is None:
+    alike = model.insitu is None and not any(joint.insitu_gradient for joint in model.joints)
+    if alike or contacts is None:
         return pressures
-    traction = effective_tractions(model, joint_tractions(model))
-    normal = -np.einsum("ci,ci->c", traction, contacts.normal)
+    if model.insitu is None:
+        normal = initial_pressures(model)
+    else:
+        traction = effective_tractions(model, joint_tractions(model))
+        normal = -np.einsum("ci,ci->c", traction, contacts.normal)
     area = np.bincount(contacts.joint, contacts.area, len(contacts.names))
     mean = np.bincount(contacts.joint, contacts.area * normal, len(contacts.names)) / area
     return dict(zip(contacts.names, map(float, mean), strict=True))

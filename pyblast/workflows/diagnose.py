@@ -39,7 +39,7 @@ RESULT = "diagnosis.json"
 REPORT = "report.html"
 RUNS = "runs"
 STARTED = "unfinished.json"
-BUDGET = 400
+RUNS_PAID = 400  # runs of a blast on the calibrated site, whose price is the budget unless given
 NEAR = 1e-6  # m, tolerance for positions outside of the box
 
 
@@ -69,7 +69,7 @@ def diagnose(
     project: Project,
     folder=None,
     *,
-    budget: int = BUDGET,
+    minutes: float | None = None,
     seed: int = 1,
     correct: bool = False,
     executor: Executor | None = None,
@@ -84,8 +84,9 @@ def diagnose(
         With records of at least one blast, and the further blasts of `with_further`.
     folder : path, optional
         Folder of stored runs; after an interruption the same call resumes.
-    budget : int
-        Number of runs of one blast after which no further effect is tried.
+    minutes : float, optional
+        Of one processor, as `estimate` prices runs, after which no further effect is tried; by
+        default what `RUNS_PAID` runs of one blast on the calibrated site cost.
     seed : int
         Of the draws without an effect.
     correct : bool
@@ -105,7 +106,7 @@ def diagnose(
     Raises
     ------
     InputError
-        If the records cannot be compared.
+        If the records cannot be compared, or the minutes are negative.
     SolverError
         If a run of the reference fails.
 
@@ -114,6 +115,8 @@ def diagnose(
     What fails of the library costs itself: such effects are not testable. A part of the answer
     that fails is listed in ``not_computed``.
     """
+    if minutes is not None and minutes < 0.0:
+        raise InputError(f"--minutes: must not be negative, got {minutes:g}; give a time or none")
     report, began = progress or (lambda *_: None), time.perf_counter()
     report("mistakes in the records", 0, 1)
     failures, mistakes, checks = {}, [], []
@@ -126,11 +129,15 @@ def diagnose(
     case = taught(everything, lambda part: simulation_of(part, folder, executor))
     scene, finer = prepared(case, folder, executor, failures, wrong, report)
     counted = [each for each in (*checks, scene.simulation, finer) if each is not None]
+    scene.others = tuple(each for each in counted if each is not scene.simulation)
+    scene.budget = RUNS_PAID * scene.simulation.priced / max(scene.simulation.runs, 1)
+    if minutes is not None:
+        scene.budget = 60.0 * minutes
     if wrong:
         chosen = fit_calibrated(scene)
-        done = Search(scene, budget, report, chosen, chosen=chosen)
+        done = Search(scene, report, chosen, chosen=chosen)
     else:
-        done = search(scene, budget, report, lambda state: known(known_so_far(state)), seed)
+        done = search(scene, report, lambda state: known(known_so_far(state)), seed)
     decision = undecided(done)
     with contained(failures, "decision"):
         decision = replace(decision, outcome="MISTAKE") if wrong else decide(done, finer)
@@ -147,7 +154,9 @@ def diagnose(
         "kept_runs": sum(each.cached for each in counted),
         "kept_s": round(sum(each.cached_s for each in counted), 1),
         "seed": seed,
-        "budget": budget,
+        "minutes": minutes,
+        "minutes_allowed": round(scene.budget / 60.0, 2),
+        "minutes_spent": round(scene.spent / 60.0, 2),
         "corrected": correct,
         "finished": done.finished,
     }
@@ -226,7 +235,7 @@ def diagnose_file(
     file,
     output,
     *,
-    budget=BUDGET,
+    minutes=None,
     seed=1,
     correct=False,
     executor=None,
@@ -244,7 +253,7 @@ def diagnose_file(
     output : path
         Folder for the result. Runs are stored in its folder ``runs``, so that the same call
         resumes after an interruption; a finished diagnosis of the same files is read.
-    budget, seed, correct, executor, progress, known
+    minutes, seed, correct, executor, progress, known
         As of `diagnose`.
     runs : path, optional
         Another folder for the runs.
@@ -259,7 +268,7 @@ def diagnose_file(
     output = Path(output)
     project = read_case(file)
     provenance = versions(_hash_of(project)) | {"code_sha256": code_hash(WHOLE)}
-    finished = _finished(output, provenance, budget, seed, correct)
+    finished = _finished(output, provenance, minutes, seed, correct)
     if finished is not None:
         return finished
     _say_level(project, say)
@@ -270,7 +279,7 @@ def diagnose_file(
     diagnosis = diagnose(
         project,
         runs or output / RUNS,
-        budget=budget,
+        minutes=minutes,
         seed=seed,
         correct=correct,
         executor=executor,
@@ -313,7 +322,7 @@ def _finished(output, provenance, *asked):
         return None
     before = known.get("provenance")
     same = isinstance(before, dict) and _decisive(before) == _decisive(provenance)
-    answered = known.get("budget"), known.get("seed"), known.get("corrected", False)
+    answered = known.get("minutes"), known.get("seed"), known.get("corrected", False)
     return known if same and answered == asked else None
 
 
@@ -446,7 +455,7 @@ def diagnose_case(
     out: str | Path | None = None,
     *,
     fresh: bool = False,
-    budget: int = BUDGET,
+    minutes: float | None = None,
     seed: int = 1,
     correct: bool = False,
     executor: Executor | None = None,
@@ -465,8 +474,8 @@ def diagnose_case(
         same input is read.
     fresh : bool
         Whether to run all models again.
-    budget : int
-        Number of runs of one blast after which no further effect is tried.
+    minutes
+        As of `diagnose`.
     seed : int
         Of the draws without an effect.
     correct : bool
@@ -498,12 +507,12 @@ def diagnose_case(
     if fresh:
         shutil.rmtree(out / RUNS, ignore_errors=True)
     for finished in [] if fresh else numbered_folders(out):
-        known = _finished(finished, provenance, budget, seed, correct)
+        known = _finished(finished, provenance, minutes, seed, correct)
         if known is not None:
             say(f"this diagnosis is finished: {finished}; --fresh repeats it")
             return known, finished
-    started = {"input_sha256": provenance["input_sha256"], "budget": budget, "seed": seed,
-               "corrected": correct}  # fmt: skip
+    started = {"input_sha256": provenance["input_sha256"], "minutes": minutes,
+               "seed": seed, "corrected": correct}  # fmt: skip
 
     def unfinished(path: Path) -> bool:
         return _started(path) == started
@@ -513,8 +522,8 @@ def diagnose_case(
         write_summary(result / STARTED, started)
         try:
             summary = diagnose_file(
-                case, result, budget=budget, seed=seed, correct=correct, executor=executor,
-                progress=progress,
+                case, result, minutes=minutes, seed=seed, correct=correct,
+                executor=executor, progress=progress,
                 known=lambda so_far: write_summary(
                     result / STARTED, started | {"known_so_far": so_far}
                 ),
@@ -538,7 +547,7 @@ def _started(folder):
         table = json.loads((folder / STARTED).read_text(encoding="utf-8"))
     except (OSError, ValueError):
         return None
-    arguments = "input_sha256", "budget", "seed", "corrected"
+    arguments = "input_sha256", "minutes", "seed", "corrected"
     return {k: table.get(k) for k in arguments} if isinstance(table, dict) else None
 
 

@@ -5,6 +5,7 @@ from functools import cache
 import numpy as np
 from scipy import fft
 
+from pyblast.inference.covariance import RecordBlocks, applied, noise_blocks
 from pyblast.inference.records import band_functions, noise_of
 
 DT, BAND, N = 2e-3, (3.0, 30.0), 300
@@ -37,3 +38,12 @@ def residual_case():
     rng = np.random.default_rng(1)
     noise = noise_of(coloured(rng, (6, 3, 3, 125)), DT, BAND)
     return noise, band_functions(N, DT, BAND), seismograms()
+
+
+def whitened(noise, band, residual):
+    """Return a residual (..., n_blasts, n_receivers, 3, n_samples) in the band, white by noise."""
+    held, blocks = band.project(residual), noise_blocks(noise, band, residual.shape[-4])
+    none, spread = np.zeros(blocks.shape[:2]), np.zeros((3, band.n_functions, band.n_functions))
+    spread = np.broadcast_to(spread, (*none.shape, *spread.shape))
+    roots, _ = RecordBlocks(blocks, spread, spread, none, none).roots(0.0, 0.0)
+    return applied(roots, held.reshape(*held.shape[:-2], -1)).reshape(held.shape)

@@ -83,21 +83,21 @@ def test_an_effect_of_a_receiver_beside_others_is_at_the_one_that_is_worst_expla
 def test_the_base_of_a_set_is_the_fit_of_the_same_effects_at_the_same_places():
     here, none, slow, loud, both = fits()
     elsewhere = replace(slow, effects=(replace(slow.effects[0], target="R0"),))
-    found = Search(here, 400, lambda *_: None, none, [both, elsewhere, loud, slow], both)
+    found = Search(here, lambda *_: None, none, [both, elsewhere, loud, slow], both)
 
     assert _without(found, both, "misfire_or_charge_error") is slow
 
 
 def test_two_effects_are_no_composite_if_the_budget_ended_before_others_were_tried_beside_one():
     here, none, slow, loud, both = fits()
-    found = Search(here, 400, lambda *_: None, none, [both, loud, slow], both, finished=False)
+    found = Search(here, lambda *_: None, none, [both, loud, slow], both, finished=False)
 
     assert decide(found).outcome == "PARTIAL"
 
 
 def test_a_clock_and_a_charge_that_are_both_wrong_make_a_composite():
     here, none, slow, loud, both = fits()
-    found = Search(here, 400, lambda *_: None, none, [both, loud, slow], both)
+    found = Search(here, lambda *_: None, none, [both, loud, slow], both)
 
     assert decide(found).outcome == "COMPOSITE"
 
@@ -109,7 +109,7 @@ def test_a_set_of_which_one_effect_can_not_be_tested_is_partial(monkeypatch):
         return CrossValidation(()) if before is loud else cross_validate(scene, before, after)
 
     monkeypatch.setattr("pyblast.diagnosis.decision.cross_validate", untested)
-    found = Search(here, 400, lambda *_: None, none, [both, loud, slow], both)
+    found = Search(here, lambda *_: None, none, [both, loud, slow], both)
 
     said = decide(found)
 
@@ -164,7 +164,7 @@ def finer(scene, fitted, change):
 
 def test_an_answer_that_a_finer_mesh_changes_is_corrected():
     here, none, damped = damped_fits()
-    found = Search(here, 400, lambda *_: None, none, [damped], damped)
+    found = Search(here, lambda *_: None, none, [damped], damped)
     ((quality,),) = damped.effects[0].values
     less = here.simulation.motion(damping(3.0 * quality)) - here.simulation.motion(damping(quality))
 
@@ -178,7 +178,7 @@ def test_an_answer_that_a_finer_mesh_changes_is_corrected():
 
 def test_an_answer_that_a_finer_mesh_leaves_without_evidence_may_be_the_mesh(monkeypatch):
     here, none, damped = damped_fits(5.0)
-    found = Search(here, 400, lambda *_: None, none, [damped], damped)
+    found = Search(here, lambda *_: None, none, [damped], damped)
     monkeypatch.setattr(Search, "required", found.delta_ln_evidence(damped) - 0.5)
     beside = np.zeros_like(damped.motion)
     beside[0, 3] = 0.11 * np.roll(damped.motion[0, 3], 20, axis=-1)
@@ -203,7 +203,7 @@ def test_what_a_finer_mesh_is_held_against_is_what_was_fitted():
 
 def test_nothing_is_named_where_the_budget_ended_before_the_others_were_tried():
     here, none, slow, loud, both = fits()
-    found = Search(here, 400, lambda *_: None, none, [both, loud, slow], both)
+    found = Search(here, lambda *_: None, none, [both, loud, slow], both)
     found.compared = False
 
     assert decide(found).outcome == "PARTIAL"
@@ -243,7 +243,7 @@ def test_a_blast_that_is_fired_again_makes_no_interval_narrower():
 @pytest.mark.parametrize("turn", [1, -1])
 def test_a_set_of_effects_counts_once_whichever_was_found_first(turn):
     here, none, _, _, both = fits()
-    found = Search(here, 400, lambda *_: None, none)
+    found = Search(here, lambda *_: None, none)
     less = replace(both.posterior, log_evidence=both.log_evidence - 1.0)
     other = replace(both, effects=both.effects[::-1], posterior=less)
 

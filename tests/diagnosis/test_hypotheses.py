@@ -187,7 +187,7 @@ def test_what_can_not_be_tested_is_never_named(monkeypatch, tried, outcome):
     behind = both.log_evidence - 20.0  # of what can be tested it would be no rival
     posterior = replace(both.posterior, log_evidence=behind)
     other = replace(both, effects=(both.effects[0], DELAYS), posterior=posterior)
-    found = Search(here, 400, lambda *_: None, none, [both, other][:tried], both)
+    found = Search(here, lambda *_: None, none, [both, other][:tried], both)
     assert decide(found).outcome == "COMPOSITE"
     monkeypatch.setitem(LIBRARY, LOUD.name, untested)
     decision = decide(found)

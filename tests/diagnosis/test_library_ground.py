@@ -173,6 +173,17 @@ def test_a_slipping_joint_bears_its_strength_at_rest(name, strength):
     assert left == pytest.approx(0.5 * strength)
 
 
+def test_a_joint_that_slips_with_depth_bears_its_strength_at_mid_height_and_more_below():
+    site = small_site()
+    (joint,) = applied("joint_slip/with depth", "J1", strength=2e5, residual=0.5, growth=4e3).joints
+    mesh = site.config.mesh
+    middle = mesh.origin_m[2] + 0.5 * mesh.size_m[2]
+
+    strength = joint.properties["friction"] * joint.pressure_at(middle - np.array([0.0, 10.0, -60]))
+
+    np.testing.assert_allclose(strength, [2e5, 2.4e5, 0.0], rtol=1e-12)
+
+
 def test_what_slips_by_friction_alone_has_no_cohesion_and_needs_a_pressure():
     slips = applied("joint_slip/frictional", "J1", strength=2e5, residual=0.5)
     (listed,) = small_site().joints

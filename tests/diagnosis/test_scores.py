@@ -2,6 +2,7 @@
 
 import json
 from functools import cache
+from itertools import product
 
 import numpy as np
 import pytest
@@ -16,6 +17,7 @@ from pyblast.diagnosis.fitting import fit
 from pyblast.diagnosis.hypotheses import LIBRARY
 from pyblast.diagnosis.scores import (
     SiteScores,
+    _cheapest_first,
     detection_limits,
     main_blasts,
     members_of,
@@ -177,7 +179,7 @@ def test_scores_that_fail_cost_themselves(monkeypatch):
     monkeypatch.setattr(module, "members_of", lambda *_: 1 / 0)
     scene, none, *_ = fits()
     monkeypatch.setattr(scene, "failures", {})
-    search = Search(scene, 400, lambda *_: None, none, chosen=none)
+    search = Search(scene, lambda *_: None, none, chosen=none)
 
     done = module._scored(search, 1)
 
@@ -197,7 +199,7 @@ def test_a_small_effect_is_fitted_and_named():
 
     scene = with_holes(scene_of(recorded(small_site(), noise=3e-4, change=late)))
     with library_of(["clock_error", "clock_error/blast", "instrument_response/gain"]):
-        done = module.search(scene, 400)
+        done = module.search(scene)
         decision = decide(done)
 
     assert decision.outcome == "NAMED"
@@ -235,13 +237,36 @@ def test_the_law_of_an_effect_on_the_ground_has_an_error_and_that_of_a_clock_has
     assert site.at_fit(clock) is site
 
 
-def test_ground_that_takes_the_work_of_many_references_is_not_tried():
+@pytest.mark.parametrize(("seconds_left", "tried"), [(1e-2, False), (1e4, True)])
+def test_ground_whose_price_is_much_of_what_the_budget_leaves_is_not_meshed(seconds_left, tried):
     scene = scene_of(recorded(small_site()))
     soft = Effect("soft_surface_layer", "", ((5.0,), (0.4,)))
-    vars(scene)["_work_of_reference"] = 1e-6
+    scene.budget = scene.spent + seconds_left
+    meshes = len(scene.case.project.meshes)
 
-    assert scene.simulate([(np.zeros(4), (soft,))], [0]) == [None]
-    assert "times the work of the reference" in scene.failures[frozenset([soft.where])]
+    (motion,) = scene.simulate([(np.zeros(4), (soft,))], [0])
+
+    assert (motion is not None) == tried
+    assert tried or "not computed" in scene.failures[frozenset([soft.where])]
+    assert (len(scene.case.project.meshes) > meshes) == tried
+
+
+def test_no_member_waits_for_a_dearer_one_that_is_a_later_value_of_its_hypothesis():
+    scene = scores("nothing").scene
+    hypotheses = [LIBRARY[name] for name in ("soft_surface_layer", "joint_viscous_fill")]
+    rows = [(trial, (0, 1), ()) for each in hypotheses
+            for target in each.targets(scene.case)
+            for trial in trials(each, target, scene)]  # fmt: skip
+
+    order = [rows.index(row) for row in _cheapest_first(scene, rows)]
+
+    price = [scene.price(np.zeros(4), row[0].effects) for row in rows]
+    turn = [[r[0].effects[0].name for r in rows[: n + 1]].count(row[0].effects[0].name)
+            for n, row in enumerate(rows)]  # fmt: skip
+    for n, later in product(range(len(rows)), repeat=2):
+        if turn[n] <= turn[later] and price[n] < price[later]:
+            assert order.index(n) < order.index(later)
+    assert order != sorted(order)
 
 
 def test_a_speed_within_its_prior_is_no_effect():

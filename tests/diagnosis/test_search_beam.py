@@ -20,7 +20,7 @@ def made(worth, *labels):
 def searched(monkeypatch, first, further):
     """Return what is chosen where single fits are as given, and further ones by their first."""
     none, asked = made(0.0), []
-    found = Search(None, 100, lambda *_: None, none, chosen=none)
+    found = Search(None, lambda *_: None, none, chosen=none)
 
     def quick(found, base):
         asked.append(base.labels)
@@ -46,6 +46,25 @@ def test_what_is_below_the_threshold_alone_goes_nowhere(monkeypatch):
 
 def test_leaders_are_few_and_of_other_labels_each():
     fits = [made(19.0, "b"), made(20.0, "a"), made(18.0, "a"), made(17.0, "c"), made(9.0, "d")]
-    found = Search(None, 0, None, made(0.0), fits)
+    found = Search(None, None, made(0.0), fits)
 
     assert [one.labels for one in found.leaders()] == [("a",), ("b",)][:BEAM]
+
+
+@pytest.mark.parametrize("worse", [(), ("a large blast",)])
+def test_other_forms_are_fitted_while_a_large_blast_is_explained_less(monkeypatch, worse):
+    slips = [SimpleNamespace(name=name, label="slip") for name in ("slip", "deep", "deep", "rough")]
+    scores = SimpleNamespace(other_forms=lambda *_: [(form, 9.0) for form in slips[1:]])
+    found, fitted = Search(None, None, made(0.0), scores=scores), []
+    found.runs_left = lambda: True
+
+    def fit(search, _base, effect, _score):
+        fitted.append(effect.name)
+        search.fits.append(made(float(len(fitted)), "slip"))
+
+    monkeypatch.setattr(module, "_fit_by_runs", fit)
+    monkeypatch.setattr(module, "not_improved", lambda *_: worse if len(fitted) < 3 else ())
+
+    module._fit_forms(found, found.without_effects, slips[0], 10.0)
+
+    assert fitted == (["slip", "deep", "rough"] if worse else ["slip"])

@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
-from residual_case import BAND, DT, N, coloured, residual_case, seismograms
+from residual_case import BAND, DT, N, coloured, residual_case, seismograms, whitened
 from scipy import fft, linalg
 
 from pyblast.errors import InputError
-from pyblast.inference.covariance import whitener
+from pyblast.inference.covariance import noise_blocks
 from pyblast.inference.records import band_functions, noise_of
 
 
@@ -57,7 +57,9 @@ def test_a_channel_without_a_valid_sample_carries_no_data(case):
     valid[0, 1, 2] = False
     gapped = band_functions(N, DT, BAND, valid)
 
-    lost = whitener(noise, band, 2).n_data_each - whitener(noise, gapped, 2).n_data_each
+    whole, less = (np.diagonal(noise_blocks(noise, each, 2), axis1=2, axis2=3) > 0.0
+                   for each in (band, gapped))  # fmt: skip
+    lost = np.count_nonzero(whole, axis=-1) - np.count_nonzero(less, axis=-1)
     assert lost.tolist() == [[0, band.n_functions, 0], [0, 0, 0]]
 
 
@@ -72,9 +74,8 @@ def test_a_valid_sample_that_is_not_finite_is_refused(case):
 def test_noise_that_was_not_learnt_from_becomes_white():
     rng = np.random.default_rng(2)
     noise = noise_of(coloured(rng, (3, 60, 3, 125)), DT, BAND)
-    white = whitener(noise, band_functions(N, DT, BAND), 1)
 
-    residual = white.apply(coloured(rng, (1, 60, 3, N)))
+    residual = whitened(noise, band_functions(N, DT, BAND), coloured(rng, (1, 60, 3, N)))
 
     # three windows raise a level known to a third of its size: 0.75 of the variance in truth,
     # 1 in the mean of what is whitened; 2 % of floor
@@ -85,8 +86,7 @@ def test_whitened_noise_has_no_autocorrelation_and_a_flat_spectrum():
     rng = np.random.default_rng(3)
     noise = noise_of(coloured(rng, (40, 10, 3, 125)), DT, BAND)
     band = band_functions(N, DT, BAND)
-    white = whitener(noise, band, 20)
-    residual = white.apply(coloured(rng, (20, 10, 3, N)))
+    residual = whitened(noise, band, coloured(rng, (20, 10, 3, N)))
 
     power = np.mean(np.abs(fft.rfft(band.restore(residual), 4 * N)) ** 2, axis=(0, 1, 2))
     flat = np.sum(np.abs(fft.rfft(band.basis, 4 * N, axis=0)) ** 2, axis=1)
@@ -98,11 +98,11 @@ def test_whitened_noise_has_no_autocorrelation_and_a_flat_spectrum():
 def test_chi_square_of_noise_follows_its_distribution_when_noise_is_well_known():
     rng = np.random.default_rng(4)
     noise = noise_of(coloured(rng, (200, 2, 3, 250)), DT, BAND)
-    white = whitener(noise, band_functions(N, DT, BAND), 1)
+    band = band_functions(N, DT, BAND)
 
-    found = np.sum(white.apply(coloured(rng, (300, 1, 2, 3, N))) ** 2, axis=(1, 2, 3, 4))
+    white = whitened(noise, band, coloured(rng, (300, 1, 2, 3, N)))
 
-    n_data = np.sum(white.n_data_each)
+    found, n_data = np.sum(white**2, axis=(1, 2, 3, 4)), 2 * 3 * band.n_functions
     assert np.mean(found) == pytest.approx(n_data, rel=0.05)
     assert np.var(found) == pytest.approx(2.0 * n_data, rel=0.3)
 
@@ -122,7 +122,7 @@ def test_components_that_move_together_are_whitened_together():
     motion = np.einsum("cd,brdn->brcn", mixture, coloured(rng, (200, 1, 3, 125)))
     noise = noise_of(motion[:100], DT, BAND)
 
-    residual = whitener(noise, band_functions(125, DT, BAND), 100).apply(motion[100:])
+    residual = whitened(noise, band_functions(125, DT, BAND), motion[100:])
 
     found = np.corrcoef(residual[:, 0].transpose(1, 0, 2).reshape(3, -1))
     assert noise.correlation[0, 0, 1] == pytest.approx(0.8, abs=0.03)

@@ -4,9 +4,9 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from residual_case import whitened
 from scipy import fft
 
-from pyblast.inference.covariance import whitener
 from pyblast.inference.records import band_functions, noise_of
 from pyblast.recordings.recording import read_gather
 
@@ -27,7 +27,7 @@ def held_out(windows):
     white = []
     for hit in range(len(windows)):
         noise = noise_of(np.roll(windows, -hit, axis=0)[1:4], DT, BAND)
-        white.append(whitener(noise, band, 1).apply(windows[hit : hit + 1])[0])
+        white.append(whitened(noise, band, windows[hit : hit + 1])[0])
     return np.array(white), band
 
 

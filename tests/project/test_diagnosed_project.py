@@ -385,13 +385,13 @@ def test_a_finished_diagnosis_is_read_whatever_the_number_of_threads(
     file, out = written(tmp_path, whole()), tmp_path / "out"
     monkeypatch.setenv("OMP_NUM_THREADS", "1")
     monkeypatch.setattr("pyblast.workflows.diagnose.diagnose", lambda *_, **__: SimpleNamespace(
-        summary={"budget": 400, "seed": 1}
+        summary={"minutes": 3.0, "seed": 1}
     ))  # fmt: skip
     monkeypatch.setattr(
         "pyblast.workflows.diagnose.write_diagnosis_report",
         lambda path, *_: path.write_text("page"),
     )
-    diagnose_file(file, out)
+    diagnose_file(file, out, minutes=3.0)
     monkeypatch.delattr("pyblast.workflows.diagnose.diagnose")
     (tmp_path / "pred.mseed").write_text("what a forecast left beside what is read")
     if threads:
@@ -400,9 +400,9 @@ def test_a_finished_diagnosis_is_read_whatever_the_number_of_threads(
         holes = tmp_path / "S1_holes.csv"
         holes.write_text(holes.read_text() + "\n")
         with pytest.raises(NameError, match="diagnose"):
-            diagnose_file(file, out)
+            diagnose_file(file, out, minutes=3.0)
     else:
-        assert diagnose_file(file, out)["budget"] == 400
+        assert diagnose_file(file, out, minutes=3.0)["minutes"] == 3.0
 
 
 def test_a_forecast_never_takes_the_place_of_what_a_project_reads(tmp_path):

@@ -35,14 +35,16 @@ def joints(dip, towards, spacing, **more):
     return {"name": "S", "spacing_m": spacing} | angles | more
 
 
-def hill(size, height, slope=None):
-    """Return lines of a survey: a hill of a height over 60 m, or a slope of an angle."""
+def hill(size, height, slope=None, turn=0.0):
+    """Return lines of a survey: a hill of a height over 60 m, or a slope of an angle, turned."""
     x, y = np.meshgrid(np.arange(-10, size[0] + 11, 10.0), np.arange(-10, size[1] + 11, 10.0))
     z = 60.0 + height * np.exp(
         -(((x - size[0] / 2) / (0.22 * size[0])) ** 2) - ((y - size[1] / 2) / (0.35 * size[1])) ** 2
     )
     if slope is not None:
-        z = 60.0 + np.clip((x - 0.3 * size[0]) * np.tan(np.radians(slope)), 0.0, height)
+        across = (x - 0.3 * size[0]) * np.cos(np.radians(turn))
+        across += (y - 0.5 * size[1]) * np.sin(np.radians(turn))
+        z = 60.0 + np.clip(across * np.tan(np.radians(slope)), 0.0, height)
     rows = np.column_stack([x.ravel(), y.ravel(), z.ravel()])
     return "x_m,y_m,z_m\n" + "\n".join(",".join(f"{v:.4f}" for v in row) for row in rows)
 
@@ -120,6 +122,10 @@ GROUNDS = {
         size=(200, 90, 60), faults=[fault("F", 60, 90, (100, 45, 30))],
         survey=hill((200, 90), 35.0, 60.0), force=(40, 40, 30), receiver=(150, 52),
     ),
+    "slope oblique to the sides": dict(
+        size=(228, 194, 80), survey=hill((228, 194), 14.0, 40.0, 20.0),
+        force=(40, 40, 30), receiver=(200, 150),
+    ),
     "level set that comes out in a hill": dict(
         size=(200, 90, 60), sets=[joints(0, 0, 20.0)], survey=hill((200, 90), 20.0), **BELOW
     ),
@@ -139,8 +145,6 @@ GROUNDS = {
 CUT = {
     "two dips and strikes",
     "level set that comes out in a hill",
-    "level planes under a hill",  # tops of grids are 2 m off
-    "steep slope",
 }  # no grid serves
 
 

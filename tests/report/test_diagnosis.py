@@ -32,7 +32,7 @@ SLOW = Effect("clock_error", "R2", ((0.0,),))
 DELAYS = Effect("delay_scatter", "B1", ((0.0, 0.0, 0.0),))
 NOTES = {
     "case": "pit <3>", "runs": 11, "wall_s": 2.5, "kept_runs": 0, "kept_s": 0.0, "seed": 1,
-    "budget": 400, "finished": True, "provenance": {"pyblast": "0"},
+    "minutes_allowed": 4.0, "minutes_spent": 1.0, "finished": True, "provenance": {"pyblast": "0"},
 }  # fmt: skip
 
 
@@ -64,7 +64,7 @@ def made(outcome):
     here = scene()
     none = fit(here, ())
     fits = [fit(here, (one,)) for one in (SLOW, DELAYS)]
-    found = Search(here, 400, lambda *_: None, none, fits, fits[0])
+    found = Search(here, lambda *_: None, none, fits, fits[0])
     decision = decide(found)
     if outcome == "CLASS":
         rivals = ("delay_scatter", "clock_error")
@@ -72,7 +72,7 @@ def made(outcome):
     if outcome == "UNKNOWN":
         decision = replace(decision, outcome=outcome, fit=none, rivals=())
     if outcome == "NULL":
-        found = Search(here, 400, lambda *_: None, none, [], none)
+        found = Search(here, lambda *_: None, none, [], none)
         decision = Decision(outcome, none, (), {"none": 1.0}, 0.0, None)
     return Made(here, found, decision), summarise_diagnosis(found, decision) | NOTES
 
@@ -218,14 +218,15 @@ def test_what_is_left_beside_an_effect_is_said_with_its_place():
         found.decision.fit, chi_square=np.full_like(found.decision.fit.chi_square, REMAINS)
     )
     found = replace(found, decision=replace(found.decision, fit=left, explained_share=0.5))
-    point = {"x": 71.2, "y": 40.0, "coherence": 0.9, "resolution_m": 24.0}
+    point = {"x": 71.2, "y": 40.0, "z": -9.6, "within_m": 12.0, "joint": None}
     partial = summary | {
         "outcome": "PARTIAL",
         "remainder": summary["located"] | {"points": [point]},
     }
 
     said = lead(found, partial)
-    assert "But something else is missing near east 71 m, north 40 m (within 12 m), seen at" in said
+    place = "east 71 m, north 40 m, height -10 m (within 12 m)"
+    assert f"But something else is missing near {place}, seen at" in said
 
 
 @pytest.mark.parametrize(("outcome", "shown"), [("NAMED", 0), ("UNKNOWN", 1), ("NULL", 0)])
@@ -344,3 +345,27 @@ def test_what_is_unknown_though_the_misfit_is_small_says_why(deviation, said):
     text = lead(found, summary | {"evidence": evidence, "calibration": calibration})
 
     assert said in text
+
+
+def test_an_unknown_says_first_what_was_not_asked_and_how_its_residual_runs():
+    found, summary = made("UNKNOWN")
+    why = "the ground is not flat: give flat [[mesh.layers]]"
+    rows = [
+        {"label": "air_blast", "targets": [], "reason": why},
+        {"label": "side", "targets": [], "reason": "every side is a cut"},
+        {"label": "missing_joint", "targets": ["x=50.0"], "reason": "too near"},
+    ]
+    shown = {
+        "moveout": {"speed_m_per_s": 340.0, "low": 330.0, "high": 360.0, "azimuth_deg": None,
+                    "coherence": 0.9},
+        "polarisation": {"radial": 0.2, "transverse": 0.1, "vertical": 0.7}, "growth": 0.45,
+    }  # fmt: skip
+    summary = summary | {"not_testable": rows, "located": summary["located"] | shown}
+
+    said = lead(found, summary)
+
+    assert said.startswith(f"Not asked: air_blast ({why}). Something is missing")
+    assert "from the blast over the receivers at 330 to 360 m/s, as a wave in air does" in said
+    assert "70 % of its energy is vertical; its share grows with the charge to" in said
+    lines = diagnosis_lines({"finished": True, **summary})
+    assert lines[1] == f"  not asked: air_blast: {why}"

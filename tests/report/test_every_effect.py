@@ -34,7 +34,7 @@ from pyblast.report.diagnosis_figures import drawn_planes, fault_outline
 
 NOTES = {
     "case": "pit", "runs": 11, "wall_s": 2.5, "kept_runs": 0, "kept_s": 0.0, "seed": 1,
-    "budget": 400, "finished": True, "provenance": {"pyblast": "0"},
+    "minutes_allowed": 4.0, "minutes_spent": 1.0, "finished": True, "provenance": {"pyblast": "0"},
 }  # fmt: skip
 BOX = np.array([[0.0, 100.0], [0.0, 80.0], [-60.0, 0.0]])
 
@@ -93,7 +93,7 @@ def fitted(scene, *effects):
 def answer_with(scene, *effects):
     """Return a diagnosis whose answer is some effects, and its summary."""
     none, fit = fitted(scene), fitted(scene, *effects)
-    found = Search(scene, 400, lambda *_: None, none, [fit], [], fit)
+    found = Search(scene, lambda *_: None, none, [fit], [], fit)
     outcome = "COMPOSITE" if len(fit.labels) > 1 else "NAMED"
     tested = CrossValidation(())
     decision = Decision(outcome, fit, (), dict.fromkeys(fit.labels, 0.9), 0.9, tested, fit)

@@ -8,6 +8,8 @@ import pytest
 from slipping_box import sheared
 
 from pyblast.model.joint import Joint
+from pyblast.solver.assembly import initial_pressures
+from pyblast.solver.initial_stress import joint_pressures
 from pyblast.solver.run import simulate
 from pyblast.solver.slip import run_with_slip, slip_factors
 
@@ -115,6 +117,32 @@ def test_the_weakest_strength_of_a_range_has_its_own_factor():
     assert found.weakest_factor == pytest.approx(
         run_with_slip(sheared(0.01, cohesion=1e5, cohesion_residual=1e5), 0.1, 100.0)[1]["J"].factor
     )
+
+
+def deeper(pressure, gradient=2e4):
+    """Return the sheared column with a pressure at its top, 10 m high, that grows with depth."""
+    model = sheared(0.01)
+    joint = replace(
+        model.joints[0], insitu_pressure=pressure, insitu_gradient=gradient, insitu_level=10.0
+    )
+    return replace(model, joints=[joint])
+
+
+def test_pressure_that_grows_with_depth_presses_each_contact_by_its_height():
+    model, bare = deeper(5e4), deeper(0.0)
+    contacts = model.nodes.contacts
+    depth = 10.0 - model.nodes.points[contacts.minus, 2]
+
+    np.testing.assert_allclose(initial_pressures(model), 5e4 + 2e4 * depth, rtol=1e-12)
+    assert joint_pressures(model)["J"] == pytest.approx(5e4 + 2e4 * 5.0)
+    assert joint_pressures(bare)["J"] == pytest.approx(1e5)
+
+
+def test_a_joint_whose_pressure_grows_with_depth_opens_first_at_its_top():
+    less, more = (run_with_slip(deeper(p), 0.1, 100.0)[1]["J"].factor for p in (5e4, 1.5e5))
+
+    # tension + p over the pull of the wave, which is the same
+    assert more / less == pytest.approx((1e5 + 1.5e5) / (1e5 + 5e4), rel=1e-9)
 
 
 def test_joints_without_strength_are_left_out():

@@ -150,7 +150,7 @@ def test_a_target_that_fails_is_named_and_others_are_tried(monkeypatch):
     monkeypatch.setitem(LIBRARY, SENSOR, replace(entry, apply=apply))
 
     with library_of([SENSOR]):
-        result = search(scene_of(recorded(small_site(), change=late)), 400)
+        result = search(scene_of(recorded(small_site(), change=late)))
 
     assert result.failed.keys() == {(SENSOR, "R1")}
     assert "not a finite number" in result.failed[SENSOR, "R1"]
@@ -177,7 +177,7 @@ def test_an_answer_without_its_finer_mesh_is_at_most_a_class(monkeypatch):
     monkeypatch.setattr(deciding, "on_finer_mesh", lambda *_: 1 / 0)
     monkeypatch.setattr(scene, "failures", {})
 
-    found = Search(scene, 400, lambda *_: None, none, [both, loud, slow], both)
+    found = Search(scene, lambda *_: None, none, [both, loud, slow], both)
 
     decision = decide(found, scene.simulation)
 

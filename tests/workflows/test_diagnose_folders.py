@@ -17,12 +17,12 @@ def calls(monkeypatch):
     """Replace the diagnosis itself; the list takes the folder and the runs of each call."""
     made = []
 
-    def instead(_case, folder, *, budget, seed, runs, **_):
+    def instead(_case, folder, *, minutes, seed, runs, **_):
         made.append((folder.name, runs.name))
         if len(made) == 1:
             raise KeyboardInterrupt
         provenance = versions("input") | {"code_sha256": "code"}
-        summary = {"budget": budget, "seed": seed, "provenance": provenance}
+        summary = {"minutes": minutes, "seed": seed, "provenance": provenance}
         (folder / "diagnosis.json").write_text(json.dumps(summary))
         (folder / "report.html").write_text("page")
         return summary

@@ -9,7 +9,6 @@ from scipy.interpolate import LinearNDInterpolator, NearestNDInterpolator
 
 from ...config.ground import FaultConfig
 from ...config.section import with_candidate
-from ...errors import InputError
 from ...ground.tables import is_anisotropic, joint_of_surface, make_joint, make_material
 from ...model.joint import Joint
 from ...model.material import Material
@@ -32,12 +31,8 @@ BEYOND = 2.0  # box diagonals that a slope covers on either side
 
 
 def _as_meshed(project, changed):
-    """Return a changed project, or None where its mesh needs another kind of zones."""
-    try:
-        alike = not project.meshed.mesh.hexahedral or changed.meshed.mesh.hexahedral
-    except InputError:
-        return None
-    return changed if alike else None
+    """Return a changed project, to be refused where its mesh needs another kind of zones."""
+    return replace(changed, uncut=project.meshed.mesh.hexahedral and not project.meshed.cut)
 
 
 def _direction(degrees):

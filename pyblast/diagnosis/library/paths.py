@@ -1,11 +1,12 @@
 """Effects on the path from blast to receiver: laws of joints."""
 
+from dataclasses import replace
+
 import numpy as np
 from scipy import fft
 
 from ...core import JOINT_LAWS
 from ...inference.nuisances import hole_parts
-from ...model.joint import Joint
 from ...project.places import firings_of
 from ..hypotheses import elastic_joints, hypothesis, unknown_quality
 
@@ -36,7 +37,7 @@ def _filled(project, target, law, relaxation):
     def filled(joint):
         kn, ks = joint.properties["kn"], joint.properties["ks"]
         properties = {"kn": kn, "ks": ks, "eta_n": relaxation * kn, "eta_s": relaxation * ks}
-        return Joint(joint.surface, law, properties, joint.insitu_pressure)
+        return replace(joint, law=law, properties=properties)
 
     return _on_joint(project, target, filled)
 
@@ -60,12 +61,12 @@ def joint_nonlinear_closure(project, target, closed):
         closure = joint.insitu_pressure * (1.0 - closed) / closed / kn
         properties = {"kn": kn, "ks": joint.properties["ks"], "closure": closure,
                       "kn_max": STIFFEST * rest}  # fmt: skip
-        return Joint(joint.surface, "closure", properties, joint.insitu_pressure)
+        return replace(joint, law="closure", properties=properties)
 
     return _on_joint(project, target, closing) if _pressure(project, target) > 0.0 else None
 
 
-def _slipping(project, target, cohesion, friction, residual):
+def _slipping(project, target, cohesion, friction, residual, **insitu):
     """Return a project with a joint of finite strength, and a residual share of it after slip."""
 
     def slipping(joint):
@@ -74,7 +75,7 @@ def _slipping(project, target, cohesion, friction, residual):
             "cohesion_residual": residual * cohesion, "friction_residual": residual * friction,
             "tension_residual": NEVER,
         }  # fmt: skip
-        return Joint(joint.surface, "coulomb", properties, joint.insitu_pressure)
+        return replace(joint, law="coulomb", properties=properties, **insitu)
 
     return _on_joint(project, target, slipping)
 
@@ -110,6 +111,21 @@ def joint_frictional_slip(project, target, strength, residual):
     pressure = _pressure(project, target)
     return (
         _slipping(project, target, 0.0, strength / pressure, residual) if pressure > 0.0 else None
+    )
+
+
+@hypothesis(
+    "joint_slip",
+    form="with depth",
+    **_SLIP,
+)
+def joint_slip_with_depth(project, target, strength, residual, growth):
+    """This joint slips: its strength grows with depth, as the weight on it less that of water."""
+    mesh, friction = project.config.mesh, np.tan(np.radians(30.0))
+    middle = mesh.origin_m[2] + 0.5 * mesh.size_m[2]
+    insitu = {"insitu_gradient": growth / friction, "insitu_level": middle}
+    return _slipping(
+        project, target, 0.0, friction, residual, insitu_pressure=strength / friction, **insitu
     )
 
 
