@@ -20,7 +20,7 @@ PAGE = Path(__file__).resolve().parents[2] / "docs" / "quality" / "registration.
 KINDS = {
     "site": "sites with real geometry of an independent spectral-element program",
     "flat": "flat sites of an independent program of finite differences",
-    "drawn": "sites drawn by a seed, simulated by pyblast by other laws on another mesh; real noise",
+    "drawn": "sites drawn by a seed, simulated by pyblast by other laws; real noise",
     "mine": "the mine of Gol-e-Gohar on a smaller model, simulated by pyblast on a finer mesh",
     "drop": "drops of a ball on a bar of rock, simulated with drawn sensors and noise",
 }
