@@ -207,9 +207,11 @@ def main(arguments):
     with tempfile.TemporaryDirectory() as temporary, pool as executor:
         kept = keep or Path(temporary)
         known = read_rows(out)
-        rows = each_row(
-            out, names, lambda name: judged(cases, name, kept, executor, known.get(name, {})), **limits
-        )
+
+        def job(name):
+            return judged(cases, name, kept, executor, known.get(name, {}))
+
+        rows = each_row(out, names, job, **limits)
     _write_page(study, rows)
 
 

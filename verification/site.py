@@ -35,7 +35,7 @@ from .rows import each_row, options, read_rows
 OUT = Path(__file__).with_suffix(".json")
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "quality" / "monitoring.md"
 BEGIN, END = "<!-- sites: from verification/site.json -->", "<!-- end of sites -->"
-COUNT, FIRST = 30, 100
+COUNT, FIRST, DRIFTS = 16, 100, 8
 
 YEARS, A_YEAR, STATIONS, RATE, SAMPLES = 12, 36, 5, 256, 384
 HIDDEN = {  # what is hidden, and the kind that names it
@@ -54,13 +54,17 @@ NEAR = 2  # blasts by which a date may be off
 CALLS = "first", "again", "one more"  # of the command, in `timing`
 
 
-def site(seed: int) -> dict:
-    """Make a site: places, charges, motions and the blasts from which each change holds."""
+def site(seed: int, slow: bool = False) -> dict:
+    """Make a site: places, charges, motions and the blasts from which each change holds.
+
+    With ``slow`` nothing changes at once, but one sensor loses sensitivity over years.
+    """
     draw = np.random.default_rng([78, seed])
     count = YEARS * A_YEAR
     firsts = np.sort(draw.choice(np.arange(2, count // 12 - 2), len(HIDDEN), replace=False)) * 12
     firsts = firsts + draw.integers(-4, 5, len(HIDDEN))
     hidden = dict(zip(map(str, draw.permutation(list(HIDDEN))), firsts.tolist(), strict=True))
+    hidden = dict.fromkeys(hidden, count) if slow else hidden
     angle = draw.uniform(0.0, 2.0 * np.pi, STATIONS)
     far = draw.uniform(250.0, 700.0, STATIONS)
     stations = np.stack([far * np.cos(angle), far * np.sin(angle)], axis=1)
@@ -82,13 +86,24 @@ def site(seed: int) -> dict:
     turns[hidden["turned"] :, draw.integers(STATIONS)] = draw.choice([-1, 1]) * draw.uniform(
         0.5, 1.5
     )
+    own = np.random.default_rng([79, seed])
+    drift = {
+        "station": int(own.integers(STATIONS)),
+        "blast": int(own.integers(60, 200)),
+        "length": int(own.integers(72, 145)),
+        "factor": float(own.uniform(0.5, 0.7)),
+    }
+    if slow:
+        grown = np.clip((np.arange(count) - drift["blast"]) / drift["length"], 0.0, 1.0)
+        gains[:, drift["station"]] *= drift["factor"] ** grown
     charge, motion = np.zeros(count), np.zeros((count, STATIONS, SAMPLES, 3))
     polar = draw.uniform(-0.5, 0.5, STATIONS)
     for b in range(count):
         motion[b], charge[b] = _blast(draw, stations - at[b], delay[b], path[b] + strength[b],
                                       corner[b], polar, gains[b], turns[b])  # fmt: skip
     lost = draw.uniform(size=(count, STATIONS)) < 0.08
-    return {"hidden": hidden, "stations": stations, "at": at, "charge": charge, "motion": motion,
+    return {"hidden": hidden, "drift": drift, "stations": stations, "at": at, "charge": charge,
+            "motion": motion,
             "recorded": ~lost & (np.abs(motion).max(axis=(2, 3)) > TRIGGER)}  # fmt: skip
 
 
@@ -147,9 +162,11 @@ def scored(hidden: dict[str, int], result: list) -> dict:
 
 
 def row_of(name: str) -> dict:
-    """Return the scores of a site by its seed, or the times of the command."""
+    """Return the scores of a site by its seed, of one that drifts, or the times of the command."""
     if name == "timing":
         return timing()
+    if name.startswith("drift"):
+        return drifted(site(int(name.split()[1]), slow=True))
     made = site(int(name))
     residual, scaled = measured(made)
     result = scored(made["hidden"], changes(residual))
@@ -160,6 +177,19 @@ def row_of(name: str) -> dict:
     known = forecasts(values, scaled, np.where(silent, math.log10(TRIGGER), np.nan))
     inside = known.inside(values)
     return result | {"inside": int(np.nansum(inside)), "forecasts": int(np.isfinite(inside).sum())}
+
+
+def drifted(made: dict) -> dict:
+    """Return what is found of a sensor that loses sensitivity: a drift, steps, other alarms."""
+    drift, result = made["drift"], changes(measured(made)[0])
+    own = [c for c in result if c.station == drift["station"] and "gain" in c.kinds]
+    slow = [c for c in own if c.length]
+    middle = drift["blast"] + 0.5 * drift["length"]
+    return {
+        "drift": drift, "named": bool(slow), "steps": len(own) - len(slow),
+        "off": [c.blast + 0.5 * c.length - middle for c in slow],
+        "others": [(int(c.blast), list(c.kinds), c.station) for c in result if c not in own],
+    }  # fmt: skip
 
 
 def timing() -> dict:
@@ -251,6 +281,16 @@ def lines(rows: dict) -> list[str]:
         f"found. The 90 % bands of the forecasts before each blast held "
         f"{100 * scores['coverage']:.1f} % of {count:,} peaks, changes included."
     )]  # fmt: skip
+    slow = [row for row in rows.values() if "drift" in row]
+    if slow:
+        named, steps, others = (
+            sum(bool(row[key]) for row in slow) for key in ("named", "steps", "others")
+        )
+        text += ["", (
+            f"Slow changes: {len(slow)} sites without any step, in each of which one sensor loses "
+            f"30 to 50 % over two to four years. {named} were named a drift of the gain "
+            f"of that sensor, {steps} one or more steps of it; {others} had another alarm."
+        )]  # fmt: skip
     if "timing" in rows:
         first, again, more = (rows["timing"][f"{call}_s"] for call in CALLS)
         text += ["", (
@@ -278,7 +318,9 @@ def main(arguments: list[str]) -> None:
         del others[at : at + 2]
     count = int(others[0]) if others else COUNT
     if not only_page:
-        each_row(OUT, ["timing", *map(str, range(first, first + count))], row_of, **known)
+        seeds = range(first, first + count)
+        names = ["timing", *map(str, seeds), *(f"drift {seed}" for seed in seeds[:DRIFTS])]
+        each_row(OUT, names, row_of, **known)
     write_text(PAGE, paged(PAGE.read_text(encoding="utf-8"), read_rows(OUT)))
     for name, value in summary(read_rows(OUT)).items():
         print(f"{name}: {value:.3g}")

@@ -9,6 +9,7 @@ from scipy.special import logsumexp
 
 from ..errors import contained
 from ..ground.tables import is_anisotropic
+from ..inference.location import unrestricted
 from ..simulation.simulation import Simulation
 from .cross_validation import CrossValidation, cross_validate
 from .effects import Scene
@@ -19,6 +20,7 @@ from .thresholds import (
     LEAD,
     MESH_CHANGE,
     MOST_EXPLAINED,
+    OPEN_SET,
     OUTLIER_LEVEL,
     REMAINS,
     USUAL_LEVEL,
@@ -30,6 +32,8 @@ RESOLUTION_CLAIM = "On a finer mesh the evidence of this answer is below the thr
 RESOLUTION_DECIDED_BY = (
     "shorter zones (`cuts` of `pyblast.workflows.diagnose`) until the answer stays"
 )
+SPRINGS = 3.0  # spread of the logarithms of stiffness over that of speeds and density
+OPEN_SET_TEST = "open-set test"  # a part of a diagnosis that may fail
 FINER_MESH = "runs on a finer mesh"  # a part of a diagnosis that may fail
 HALF_WIDTH = 1.645  # standard deviations, half of a 90 % interval
 OUTCOMES = ("NULL", "NAMED", "CLASS", "COMPOSITE", "PARTIAL", "UNKNOWN", "MISTAKE")
@@ -61,6 +65,9 @@ class Decision:
         without a finer mesh.
     fails : tuple of str
         Sentences on what the best model does not explain although it should.
+    open_set : float or None
+        Evidence of the best model over that of unrestricted secondary sources, see
+        `open_set_ratio`; None where these are not known or show nothing.
     """
 
     outcome: str
@@ -72,6 +79,7 @@ class Decision:
     best: Fit | None = None
     mesh_change: float | None = None
     fails: tuple[str, ...] = ()
+    open_set: float | None = None
 
 
 def decide(search: Search, finer: Simulation | None = None) -> Decision:
@@ -118,8 +126,11 @@ def decide(search: Search, finer: Simulation | None = None) -> Decision:
     tested = cross_validate(search.scene, without, chosen)
     share = explained_share(without.chi_square, chosen.chi_square)
     fails = not_improved(search.scene, without, chosen)
-    basis = (probability, share, tested, chosen, mesh_change, fails)
-    if not tested.supports:
+    open_set = None
+    with contained(search.scene.failures, OPEN_SET_TEST):
+        open_set = open_set_ratio(search, chosen)
+    basis = (probability, share, tested, chosen, mesh_change, fails, open_set)
+    if not tested.supports or (open_set is not None and open_set < OPEN_SET):
         return Decision("UNKNOWN", without, (), *basis)
     more = more_remains(chosen.chi_square, share) or search.scored_beside(chosen)
     alone = untestable and len(rivals) == 1
@@ -130,6 +141,27 @@ def decide(search: Search, finer: Simulation | None = None) -> Decision:
         return Decision("PARTIAL", chosen, rivals, *basis)
     outcome = "CLASS" if len(rivals) > 1 else "NAMED" if len(chosen.labels) == 1 else "COMPOSITE"
     return Decision(outcome, chosen, rivals, *basis)
+
+
+def open_set_ratio(search: Search, chosen: Fit) -> float | None:
+    """Return the evidence of a fit over that of unrestricted secondary sources in its place.
+
+    None where these explain no more than the threshold of the site. A cause outside of the library
+    is explained by sources anywhere in the ground, and by no class of it.
+
+    Raises
+    ------
+    InputError, SolverError
+        If secondary sources can't be computed.
+    """
+    if search.scores is None:
+        return None
+    without, scores = search.without_effects, search.scores
+    rock, joints = search.scene.secondary_places
+    everywhere = [(rock, 1.0), *([(joints, SPRINGS)] if len(joints.sizes) else [])]
+    residual = scores.residual(without.motion, without.values)
+    free = unrestricted(scores.at_fit(without).error, everywhere, residual)
+    return None if free < search.required else search.delta_ln_evidence(chosen) / free
 
 
 def undecided(search: Search) -> Decision:

@@ -1,5 +1,6 @@
 """Forward simulation of a case: motion at and around its receivers, and what it supports."""
 
+from collections.abc import Callable
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from functools import partial
@@ -9,10 +10,14 @@ from scipy.interpolate import make_interp_spline
 
 from ..core import JOINT_LAWS, ZONE_LAWS
 from ..errors import InputError
+from ..inference.location import Places
 from ..mesh.mesh import locate_in_zones
 from ..model.model import Receiver
 from ..project.places import on_ground, refuse_outside
 from ..project.project import Project
+from ..runs.bank import bank_of
+from ..runs.secondary_sources import by_joint, by_rock
+from ..simulation.estimate import cost_of
 from ..simulation.simulation import Simulation
 from .case import Case
 from .trusted_shots import with_source
@@ -122,14 +127,6 @@ def not_superposed(case: Case) -> str:
     return ""
 
 
-def surface_speed(project: Project) -> float:
-    """Return the S-wave speed in m/s of the uppermost ground."""
-    if project.config.mesh.layers:
-        return project.materials[project.config.mesh.layers[0].material].cs
-    zone, _ = locate_in_zones(project.mesh, [project.receivers[0].position])
-    return project.materials[project.mesh.groups[int(project.mesh.zone_group[zone][0])]].cs
-
-
 STEPS = 3  # on either side of a receiver
 STEPS_PER_WAVE = 6.0  # of the shortest S wave at the surface
 
@@ -194,6 +191,69 @@ def surroundings(simulation: Simulation, case: Case, project: Project) -> Surrou
         ]
     )
     return Surroundings(offsets, motion.reshape(len(own), -1, n, n, *motion.shape[2:]))
+
+
+def secondary_places(
+    simulation: Simulation, case: Case, project: Project, progress: Callable = lambda *_: None
+) -> tuple[Places, Places]:
+    """Return cells of the rock and patches of the joints of a project, with their changes.
+
+    By one run of each blast and one of a force at each receiver along each axis.
+
+    Parameters
+    ----------
+    simulation : Simulation
+    case : Case
+    project : Project
+        The reference ground, in which changes are taken to first order.
+    progress : callable, optional
+        Called with (stage, done, total).
+
+    Raises
+    ------
+    InputError
+        If records have shown their own source, or as `bank_of`.
+    SolverError
+        If a run fails.
+    """
+    table = case.project.config.diagnosis
+    if table is not None and (table.source_s is not None or table.trigger_s is not None):
+        raise InputError(
+            "diagnosis.source_s, diagnosis.trigger_s: what the records tell of their source is "
+            "no part of stored fields; give the source to locate what is missing"
+        )
+    names = {receiver.name: receiver for receiver in project.receivers}
+    receivers = tuple(names[name] for name in case.receivers)
+    own = [simulation.of(project, blast) for blast in case.blasts]
+    models = [replace(simulation.model(each), receivers=receivers) for each in own]
+    bank = bank_of(
+        models, simulation.duration, case.band.high, executor=simulation.executor,
+        progress=progress,
+    )  # fmt: skip
+    simulation.runs += bank.runs
+    simulation.priced += bank.runs * cost_of(models[0], simulation.duration).seconds
+    times = [each.lead + case.dt * np.arange(case.n_samples) for each in own]
+    back = [bank.transform.back(each) for each in times]
+    rock, joints = by_rock(bank), by_joint(bank, 2.0 * quarter_wave(project, case))
+    return _places(bank, rock, case, back), _places(bank, joints, case, back)
+
+
+def _places(bank, sources, case, back):
+    """Return secondary sources by the functions of the band, with the gains of receivers."""
+    spectra = bank.by_receiver(sources.spectra)
+    shapes = np.empty((*spectra.shape[:-1], case.band.n_functions), np.float32)
+    for b, r, c in np.ndindex(shapes.shape[2:5]):
+        functions = (back[b] @ case.band.functions((b, r, c))).astype(np.complex64)
+        shapes[:, :, b, r, c] = np.real(spectra[:, :, b, r, c] @ functions)
+    if case.gain is not None:
+        shapes *= case.gain[:, None, None].astype(np.float32)
+    return Places(sources.centres, sources.sizes, shapes, sources.names)
+
+
+def quarter_wave(project: Project, case: Case) -> float:
+    """Return a quarter of the shortest S wave in m: what its waves can tell from a point."""
+    slowest = min(project.materials[name].cs for name in project.ground_materials)
+    return 0.25 * slowest / case.band.high
 
 
 def probe_offsets(case: Case, project: Project) -> np.ndarray:

@@ -4,17 +4,20 @@ import math
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from scipy import signal
 
+from ..blasts.hole_effects import HARDLY
 from ..errors import contained
+from ..inference.location import located
+from ..inference.moveout import growth, moveout, polarised_shares
 from ..inference.records import COMPONENTS
-from ..project.places import extent_of
+from ..inference.variation import Varied
 from .calibration import Baseline, like_taught
 from .case import Case, case_of
 from .cross_validation import CrossValidation
 from .decision import FINER_MESH, RESOLUTION, RESOLUTION_DECIDED_BY, Decision, intervals
 from .effects import PredictionScene, Scene, with_motion_effects
-from .forward import simulation_of, surface_speed
+from .fitting import Fit
+from .forward import quarter_wave, simulation_of
 from .hypotheses import LIBRARY, blast_and_hole, untestable_labels
 from .mistakes import Mistake
 from .scores import detection_limits
@@ -24,8 +27,12 @@ from .trusted_shots import explained
 
 UNSURE = "CLASS", "PARTIAL", "UNKNOWN", "MISTAKE"  # outcomes on which a prediction should not rely
 WINDOW = 0.8  # share of the energy of a residual that lies in its windows
-GRID = 25  # points along the longer side of the plan
-NEARLY = 0.9  # of the largest stack, above which a point is as good
+IN_ROCK, ON_JOINT = 0.3, 1.0  # prior standard deviations of logarithms, in rock and on joints
+PROPERTIES = ("cp", "cs", "density")
+HALF_DIAGONAL = 0.87  # of a cube, over its edge
+ELSEWHERE = ("candidate", "side", "source_function")  # of lists, bodies and hammers
+IMPOSSIBLE = "it is impossible at this site, or changes no record"
+LOCATION = "location of the residual"  # a part of a diagnosis that may fail
 SILENT = 0.5  # of what the charge of a hole should radiate; below it a misfire is suspected
 
 
@@ -46,22 +53,29 @@ def summarise_diagnosis(
     baseline, case, fit = scene.baseline, scene.case, decision.fit
     mesh_energy = np.sum(baseline.correction**2) / np.sum(case.motion**2)
     change = decision.mesh_change
-    limits, located, remainder = [], None, None
+    limits, before, remainder = [], None, None
     with contained(scene.failures, "detection limits"):
         if search.scores is not None and decision.outcome in ("NULL", "NAMED", "COMPOSITE"):
             limits = detection_limits(search.scores, fit.labels)
-    with contained(scene.failures, "location of the residual"):
-        located = locate_residual(baseline, without.motion, without.chi_square)
-        remainder = locate_residual(baseline, fit.motion, fit.chi_square)
+    extra = scene.unplanned
+    with contained(scene.failures, "look of the residual"):
+        before = remainder = residual_of(baseline, without.motion - extra, without.chi_square)
+        if fit is not without:
+            remainder = residual_of(baseline, fit.motion - extra, fit.chi_square)
+    if search.scores is not None and decision.outcome not in ("NULL", "MISTAKE"):
+        with contained(scene.failures, LOCATION):
+            for look, each in ((before, without), (remainder, fit))[: 1 + (fit is not without)]:
+                look["points"], look["cells"] = points_of(search, each)
     return {
         "outcome": decision.outcome,
         "mistakes": [mistake.row() for mistake in mistakes],
         "effects": _effects(decision, case),
         "suspected_misfires": suspected_misfires(decision, case),
+        "holes_vary": holes_vary(scene.varied and scene.varied.level),
         "class": list(decision.rivals) if len(decision.rivals) > 1 else [],
         "not_testable": _not_testable(search),
         "detection_limits": limits,
-        "located": located,
+        "located": before,
         "remainder": remainder,
         "evidence": _evidence(search, decision),
         "held_out": _held_out(decision.cross_validation),
@@ -96,9 +110,31 @@ def summarise_diagnosis(
     }  # fmt: skip
 
 
+def holes_vary(varied: Varied | None) -> dict | None:
+    """Return the learned variation from hole to hole in per cent, with its sentence."""
+    if varied is None:
+        return None
+    shares = {name: round(100.0 * getattr(varied, name), 1) for name in ("value", "low", "high")}
+    return shares | {"unit": "%", "words": varied.words}
+
+
 def not_computed(failures: Mapping) -> list[dict]:
     """Return the parts of a diagnosis that failed, with the reason."""
     return [{"part": k, "reason": v} for k, v in failures.items() if isinstance(k, str)]
+
+
+def not_asked(summary: Mapping) -> dict[str, str]:
+    """Return the labels of which nothing was asked although the site may have them, by reason.
+
+    Those that are impossible at the site, belong to sites of another kind or change all holes
+    alike are left out.
+    """
+    rows = summary["not_testable"]
+    return {
+        row["label"]: row["reason"] for row in rows
+        if not row["targets"] and row["reason"] != IMPOSSIBLE and row["label"] not in ELSEWHERE
+        and HARDLY not in row["reason"]
+    }  # fmt: skip
 
 
 def known_so_far(search: Search) -> dict:
@@ -138,11 +174,20 @@ def _clipped(case):
 def diagnosis_lines(summary: Mapping) -> list[str]:
     """Return the outcome of ``diagnosis.json`` and its basis in a few lines of text."""
     lines = [f"outcome: {summary['outcome']}"]
+    if summary["outcome"] == "UNKNOWN":
+        lines += [f"  not asked: {label}: {why}" for label, why in not_asked(summary).items()]
     lines += [f"  {act}" for act in acts(summary)]
+    located = summary[residual_shown(summary)]
+    if located is not None:
+        lines += [
+            f"  most like a change at {place_in_words(each)}" for each in located["points"]
+        ]
     for effect in summary["effects"]:
         targets = effect["target"] if isinstance(effect["target"], list) else [effect["target"]]
         where = f" at {', '.join(targets)}" if any(targets) else ""
         lines.append(f"  {effect['label']}{where}: {effect['claim']}")
+    if summary["holes_vary"]:
+        lines.append(f"  {summary['holes_vary']['words']}")
     if summary["suspected_misfires"]:
         lines.append(f"  suspected misfires: {holes_in_words(summary['suspected_misfires'])}")
     if summary["class"]:
@@ -164,6 +209,11 @@ def diagnosis_lines(summary: Mapping) -> list[str]:
     if not summary["finished"]:
         lines.append("  the budget ended before all effects were tried")
     return [*lines, f"  next: {summary['next_measurement']}"]
+
+
+def residual_shown(summary: Mapping) -> str:
+    """Return the key of the residual whose place matters: without effects, or beside the answer."""
+    return "located" if summary["outcome"] in ("UNKNOWN", "CLASS") else "remainder"
 
 
 def acts(summary: Mapping) -> list[str]:
@@ -194,6 +244,7 @@ def _evidence(search, decision):
             "nuisances": scores.at.nuisance,
         },
         "explained_share": round(decision.explained_share, 3),
+        "open_set": None if decision.open_set is None else round(decision.open_set, 2),
         "ranking": _ranking(search),
         "contradicted": [
             {"label": label, "score": round(float(score), 1), "gained": round(float(gained), 1)}
@@ -353,7 +404,7 @@ def _not_scored(search, label):
     if label in scored.union(*(fit.labels for fit in search.fits)):
         return ""
     ended = "the budget ended before it was tried"
-    return "it is impossible at this site, or changes no record" if search.finished else ended
+    return IMPOSSIBLE if search.finished else ended
 
 
 def _next_measurement(search, decision, remainder):
@@ -383,6 +434,10 @@ def _measurement(search, decision, remainder):
     labels = decision.rivals or paying
     advice = [h.decided_by for h in LIBRARY.values() if h.label in labels and h.decided_by]
     advice += [RESOLUTION_DECIDED_BY] if RESOLUTION in labels else []
+    if decision.outcome == "UNKNOWN":
+        asked = not_asked({"not_testable": _not_testable(search)})
+        advice += [h.decided_by for h in LIBRARY.values() if h.label in asked and h.decided_by]
+        advice.append(_more_receivers(remainder))
     return "; ".join(dict.fromkeys(advice)) or _more_receivers(remainder)
 
 
@@ -391,14 +446,23 @@ def _more_receivers(remainder):
     if remainder is None:
         return "more receivers, and a shot from another side"
     receivers = remainder["receivers"]
-    near = [f"east {p['x']:.4g} m, north {p['y']:.4g} m" for p in remainder["points"]]
+    near = [place_in_words(point) for point in remainder["points"]]
     near += [max(receivers, key=receivers.get)] if receivers else []
     where = " and ".join(near) or "the located residual"
     return f"more receivers around {where}, and a shot from another side"
 
 
-def locate_residual(baseline: Baseline, motion, chi_square) -> dict:
-    """Locate the difference between records and a motion.
+def place_in_words(point: Mapping) -> str:
+    """Return the place of a located residual in words, with how far it is known."""
+    on = f" on joint {point['joint']}" if point["joint"] else ""
+    return (
+        f"east {point['x']:.0f} m, north {point['y']:.0f} m, height {point['z']:.0f} m{on} "
+        f"(within {point['within_m']:.0f} m)"
+    )
+
+
+def residual_of(baseline: Baseline, motion, chi_square) -> dict:
+    """Describe the difference between records and a motion.
 
     Parameters
     ----------
@@ -412,7 +476,9 @@ def locate_residual(baseline: Baseline, motion, chi_square) -> dict:
     dict
         ``largest_chi_square`` of a receiver or blast; ``receivers`` with a mean chi-square of at
         least `MATERIAL`, ``blasts``; ``components`` by share of energy; ``time_s`` and
-        ``frequency_hz``, windows of 80 % of the energy; ``points`` as of `scattering_points`.
+        ``frequency_hz``, windows of 80 % of the energy; ``points`` and
+        ``cells``, as of `points_of`, which are not yet known; ``moveout``, ``polarisation`` and
+        ``growth``, of the blast with the largest chi-square and of all blasts.
     """
     case = baseline.case
     band = case.band
@@ -438,8 +504,39 @@ def locate_residual(baseline: Baseline, motion, chi_square) -> dict:
         "components": dict(zip(COMPONENTS, np.round(shares, 3).tolist(), strict=True)),
         "time_s": _window(times, energy.sum(axis=0)),
         "frequency_hz": _window(frequency, spectrum),
-        "points": scattering_points(baseline, band.restore(residual), chi_square),
+        "points": [],
+        "cells": None,
+        **_shown(case, band.restore(residual), by_blast),
     }  # fmt: skip
+
+
+def _shown(case, residual, by_blast):
+    """Return what a residual in the band shows by itself: its moveout, polarisation and growth."""
+    project, b = case.project, int(np.argmax(by_blast))
+    stations = {receiver.name: receiver for receiver in project.receivers}
+    own = [stations[name] for name in case.receivers]
+    places = np.array([receiver.position for receiver in own], dtype=float)
+    blast = project.blasts[case.blasts[b]]
+    away = places - blast.centres.mean(axis=0)
+    turned = np.array([
+        part if receiver.azimuth is None else _geographic(part, receiver.azimuth)
+        for part, receiver in zip(residual[b], own, strict=True)
+    ])  # fmt: skip
+    recorded = case.band.project(case.residual(0.0))
+    share = np.sqrt(np.sum(residual**2, axis=(1, 2, 3)) / np.sum(recorded**2, axis=(1, 2, 3)))
+    charge = np.array([np.nansum(project.blasts[name].charge) for name in case.blasts])
+    return {
+        "moveout": moveout(residual[b], case.dt, places, blast.centres.mean(axis=0)),
+        "polarisation": polarised_shares(turned, np.arctan2(away[:, 0], away[:, 1])),
+        "growth": growth(share, charge),
+    }
+
+
+def _geographic(motion, azimuth):
+    """Return motion (3, n) along and across an azimuth in rad, and up, as east, north, up."""
+    sine, cosine = np.sin(azimuth), np.cos(azimuth)
+    along, across, up = motion
+    return np.array([sine * along + cosine * across, cosine * along - sine * across, up])
 
 
 def _window(axis, energy):
@@ -454,79 +551,48 @@ def _rounded(value, span, digits=4):
     return round(float(value), digits - math.floor(math.log10(span)))
 
 
-def scattering_points(baseline: Baseline, residual, chi_square) -> list[dict]:
-    """Locate the source of a residual in plan, by diffraction stacking of envelopes.
-
-    Parameters
-    ----------
-    baseline : Baseline
-    residual : (n_blasts, n_receivers, 3, n_samples) float64, m/s
-        In the band of the records.
-    chi_square : (n_blasts, n_receivers) float64
-        Mean squares of the whitened residuals.
+def points_of(search: Search, fit: Fit) -> tuple[list[dict], dict | None]:
+    """Locate in the rock what a fit leaves, by secondary sources beside it.
 
     Returns
     -------
     list of dict
-        The best point: ``x``, ``y`` in m, ``coherence`` (0 to 1), ``resolution_m``: width of the
-        area where the stack is at least 0.9 of its largest value. Empty if a stack of permuted
-        receivers is as large, or if that width exceeds `RESOLVED` of the longer side of the plan.
+        The best place: ``x``, ``y``, ``z``, ``within_m`` in m, ``volume_m3``, which hold it with
+        90 %, ``score``, ``change``, the logarithms of cp, cs and density there, ``joint``, the
+        surface on which it lies, or None. Empty where a change anywhere scores below the threshold
+        of the site, or that volume exceeds `RESOLVED` of the whole.
+    dict or None
+        Cells: ``x``, ``y``, ``z`` in m and ``score`` of each; None where nothing scores at all.
 
-    Notes
-    -----
-    Of the blast with the largest chi-square. Envelopes, less the expected error, are stacked
-    along the arrivals of a wave from a point at the surface, with the S-wave speed of the
-    uppermost ground and geometric spreading. The origin time is free, so that source and path
-    need not be known.
+    Raises
+    ------
+    InputError, SolverError
+        If secondary sources can't be computed.
     """
-    case, project = baseline.case, baseline.project
-    b = int(np.argmax(means(chi_square, 1)))
-    excess = np.sqrt(np.maximum(1.0 - 1.0 / np.maximum(chi_square[b], 1.0), 0.0))
-    envelope = np.sqrt(np.sum(np.abs(signal.hilbert(residual[b])) ** 2, axis=1)) * excess[:, None]
-    if not envelope.any():
-        return []
-    speed = surface_speed(project)
-    positions = {r.name: np.array(r.position) for r in project.receivers}
-    receivers = np.array([positions[name] for name in case.receivers])
-    (x0, x1), (y0, y1) = extent_of(project)[:2]
-    spacing = max(x1 - x0, y1 - y0) / GRID
-    x, y = np.arange(x0, x1 + spacing, spacing), np.arange(y0, y1 + spacing, spacing)
-    points = np.stack([*np.meshgrid(x, y, indexing="ij"), np.zeros((len(x), len(y)))], axis=-1)
-    distance = np.linalg.norm(points[:, :, None] - receivers, axis=-1)
-    lag = np.rint(distance / speed / case.dt).astype(int)
-    wavelength = speed / np.sqrt(case.band.low * case.band.high)
-    amplitude = 1.0 / (distance + 0.5 * wavelength)
-    amplitude /= np.linalg.norm(amplitude, axis=-1, keepdims=True)
-    orders = [np.roll(np.arange(len(receivers)), k) for k in range(len(receivers))]
-    stacks = [_stack(envelope[order], lag, amplitude) for order in orders]
-    stack = stacks[0] / np.linalg.norm(envelope.max(axis=1))
-    if stacks[0].max() <= max((other.max() for other in stacks[1:]), default=np.inf):
-        return []
-    best = np.unravel_index(np.argmax(stack), stack.shape)
-    width = spacing * np.sqrt(np.count_nonzero(stack >= NEARLY * stack[best]))
-    if width > RESOLVED * max(x1 - x0, y1 - y0):
-        return []
+    scores, scene = search.scores, search.scene
+    rock, joints = scene.secondary_places
+    reach = quarter_wave(scene.baseline.project, scene.case)
+    residual, error = scores.residual(fit.motion, fit.values), scores.at_fit(fit).error
+    body = located(error, rock.spread(reach), residual, IN_ROCK)
+    cells = {
+        name: np.round(column, 1).tolist()
+        for name, column in zip("xyz", rock.centres.T, strict=True)
+    } | {"score": np.round(body.log_bayes, 1).tolist()}
+    share = body.volume / rock.sizes.sum()
+    if body.score < scores.threshold or share > RESOLVED:
+        return [], cells
+    reach = max(reach, HALF_DIAGONAL * rock.sizes[body.best] ** (1.0 / 3.0))
+    position, within, on = rock.centres[body.best], max(body.within, reach), None
+    patch = located(error, joints, residual, ON_JOINT) if len(joints.sizes) else None
+    if patch is not None and patch.log_bayes.max() > body.log_bayes.max():
+        position, on = joints.centres[patch.best], joints.names[patch.best]
+        within = max(patch.within, reach)
+    x, y, z, *further = (_rounded(v, 1e3, 3) for v in (*position, within, body.volume))
+    change = dict(zip(PROPERTIES, np.round(body.strength[body.best], 3).tolist(), strict=True))
     return [
-        {
-            "x": _rounded(x[best[0]], GRID * spacing, 3),
-            "y": _rounded(y[best[1]], GRID * spacing, 3),
-            "coherence": round(float(stack[best]), 3),
-            "resolution_m": _rounded(width, GRID * spacing, 3),
-        }
-    ]
-
-
-def _stack(envelope, lag, amplitude):
-    """Return the largest sum over time (nx, ny) of envelopes (n_receivers, n_samples).
-
-    Each is delayed by ``lag`` samples and weighted by ``amplitude``, (nx, ny, n_receivers).
-    """
-    times = np.arange(envelope.shape[1])
-    padded = np.pad(envelope, ((0, 0), (0, int(lag.max()))))
-    sums = np.zeros((*lag.shape[:2], len(times)))
-    for r, trace in enumerate(padded):
-        sums += amplitude[:, :, r, None] * trace[lag[:, :, r, None] + times]
-    return sums.max(axis=-1)
+        {"x": x, "y": y, "z": z, "within_m": further[0], "volume_m3": further[1],
+         "score": round(float(body.log_bayes.max()), 1), "change": change, "joint": on}
+    ], cells  # fmt: skip
 
 
 def held_out_blasts(everything: Case, scene: Scene, decision: Decision) -> dict | None:

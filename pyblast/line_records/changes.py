@@ -1,6 +1,7 @@
-"""Changes of a site: control charts of residuals, steps with date, interval and kind."""
+"""Changes of a site: control charts of residuals, steps and drifts with date, interval, kind."""
 
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 
@@ -11,6 +12,8 @@ SURE = 4.0  # log of the evidence above that of no change
 LEAD = 3.0  # log of the evidence by which a kind must lead another to be named alone
 MOST = 40  # changes
 REACH = 60  # blasts on either side of a change by which it is judged
+LENGTHS = 0, 50, 150  # blasts over which a change grows: a step, drifts
+DRIFT = 3.0  # log of the evidence by which a drift must lead a step
 PASSES = 4  # over all changes, in which further ones are added
 CLIPPED = 4.0  # robust standard deviations from its neighbours to which a record counts
 NORMAL_MAD = 1.4826  # standard deviation of a normal law over its median absolute deviation
@@ -40,7 +43,7 @@ WORDS = {
 }
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class StepChange:
     """Change of records from one blast on.
 
@@ -58,6 +61,8 @@ class StepChange:
         Step of each of `FEATURES`, and its standard deviation; 0 where the kind has none.
     evidence : float
         Log of the evidence above that of no change.
+    length : int
+        Blasts over which it grew; 0 of a step.
     """
 
     blast: int
@@ -67,6 +72,7 @@ class StepChange:
     step: np.ndarray
     error: np.ndarray
     evidence: float
+    length: int = 0
 
 
 def residuals(features: np.ndarray, scaled: np.ndarray, azimuth: np.ndarray) -> np.ndarray:
@@ -155,23 +161,31 @@ class _Scan:
             for m in range(self.present.shape[1] + 1)
         ])[count]  # fmt: skip
         self.patterns = _patterns(self.present.shape[1])
-        self.sums = [self._information(pattern) for _, _, pattern in self.patterns]
+        self.sums = [
+            (row, length, sums) for row in self.patterns for length in LENGTHS
+            if not (length and row[1] is None)  # drifts of one station alone
+            and (sums := self._information(row[2], length)) is not None
+        ]  # fmt: skip
 
-    def _information(self, pattern):
-        """Return where a step is possible, and the inverse information before, after and in all."""
+    def _information(self, pattern, length):
+        """Return where a change is possible, what a level before takes of it, inverse of the rest.
+
+        The level before and the size of the change are fitted together, over the reach.
+        """
         on = self.present[..., None, None] * pattern
         whole = on.sum(axis=1)
         each = np.einsum("bsfi,fg,bsgj->bij", on, self.weights, on, optimize=True)
         each -= np.einsum("bfi,bfg,bgj->bij", whole, self.common, whole, optimize=True)
         touched = (np.abs(pattern).sum(axis=(1, 2)) > 0) & self.present.any(axis=0)
-        seen = [part[:, touched] >= FEWEST for part in _sides(self.present.astype(int))]
-        used = np.flatnonzero((seen[0] & seen[1]).any(axis=1))
+        count = self.present[:, touched].astype(int)
+        whole, after, _ = _moments(count, 0)
+        used = np.flatnonzero(((whole - after >= FEWEST) & (after >= FEWEST)).any(axis=1))
         if not len(used):
             return None
-        before, after = (part[used] for part in _sides(each))
+        whole, first, second = (part[used] for part in _moments(each, length))
         tiny = 1e-9 * np.eye(pattern.shape[-1]) * max(np.trace(each.sum(axis=0)), 1.0)
-        return (used, np.linalg.inv(before + tiny), np.linalg.inv(after + tiny),
-                np.linalg.inv(before + after + tiny))  # fmt: skip
+        level = first @ np.linalg.inv(whole + tiny)
+        return used, level, np.linalg.inv(second - level @ first + tiny)
 
     def scores(self, residual):
         """Return the residuals (n_blasts, n_stations, n_features) times the inverse covariance."""
@@ -179,39 +193,83 @@ class _Scan:
         shared = np.einsum("bfg,bg->bf", self.common, known.sum(axis=1))
         return np.where(self.present[..., None], known @ self.weights - shared[:, None], 0.0)
 
-    def best(self, residual):
-        """Return the evidence of the best step of each kind: (evidence, kind, ratio, steps)."""
+    def misfit(self, residual):
+        """Return the negative log likelihood of residuals."""
+        known = np.where(self.present[..., None], residual, 0.0)
+        return 0.5 * float((known * self.scores(residual)).sum())
+
+    def price(self, change):
+        """Log of the evidence that the parameters, kinds and dates of a change cost."""
+        kinds = [name for name, _, _ in self.patterns]
+        return self._price(self.patterns[kinds.index(change.kinds[0])][2])
+
+    def _price(self, pattern):
+        count = len(self.present)
+        paid = 0.5 * pattern.shape[-1] * np.log(min(2 * REACH, count))
+        return paid + np.log(count * len(self.patterns))
+
+    def best(self, residual, lengths):
+        """Return the best change of each kind that grows over one of these lengths, by evidence."""
         score, rows = self.scores(residual), []
-        n_tried = len(residual) * len(self.patterns)
-        for (name, station, pattern), sums in zip(self.patterns, self.sums, strict=True):
-            if sums is None:
+        for (name, station, pattern), length, (used, level, inverse) in self.sums:
+            if length not in lengths:
                 continue
-            used, first, second, whole = sums
             each = np.einsum("bsf,sfi->bi", score, pattern)
-            before, after = (part[used] for part in _sides(each))
-            total = before + after
-            ratio = 0.5 * (_square(before, first) + _square(after, second) - _square(total, whole))
+            whole, grown, _ = (part[used] for part in _moments(each, length))
+            rest = grown - np.einsum("bij,bj->bi", level, whole)
+            ratio = 0.5 * np.einsum("bi,bij,bj->b", rest, inverse, rest)
             k = int(np.argmax(ratio))
-            paid = 0.5 * pattern.shape[-1] * np.log(min(2 * REACH, len(residual)))
-            evidence = ratio[k] - paid - np.log(n_tried)
-            step = second[k] @ after[k] - first[k] @ before[k]
-            error = np.sqrt(np.diag(first[k] + second[k]))
-            step = np.where(error < UNSEEN, step, 0.0)
-            rows.append((evidence, name, station, pattern, used, ratio, step, error))
-        return sorted(rows, key=lambda row: -row[0])
+            evidence = ratio[k] - self._price(pattern)
+            error = np.sqrt(np.diag(inverse[k]))
+            step = np.where(error < UNSEEN, inverse[k] @ rest[k], 0.0)
+            rows.append(
+                _Candidate(evidence, name, station, pattern, length, used, ratio, step, error)
+            )
+        return sorted(rows, key=lambda row: -row.evidence)
 
 
-def _sides(values):
-    """Return the sums over the blasts before each one, and from it on, within the reach."""
-    total = np.concatenate([np.zeros_like(values[:1]), np.cumsum(values, axis=0)])
-    at = np.arange(len(values))
-    before = total[at] - total[np.maximum(at - REACH, 0)]
-    return before, total[np.minimum(at + REACH, len(values))] - total[at]
+class _Candidate(NamedTuple):
+    """Change of a kind at its best date; ratio: log likelihood of each possible date."""
+
+    evidence: float
+    kind: str
+    station: int | None
+    pattern: np.ndarray
+    length: int
+    used: np.ndarray
+    ratio: np.ndarray
+    step: np.ndarray
+    error: np.ndarray
+
+    @property
+    def blast(self):
+        """First blast of the change."""
+        return int(self.used[np.argmax(self.ratio)])
 
 
-def _square(vectors, matrices):
-    """Return the quadratic form of each vector, (n,)."""
-    return np.einsum("bi,bij,bj->b", vectors, matrices, vectors)
+def _moments(values, length):
+    """Return sums around each blast of values, of them times the growth of a change, its square.
+
+    The change begins at that blast, grows over ``length`` blasts and stays; sums go from the reach
+    before its begin to the reach after its end.
+    """
+    at, count = np.arange(len(values)), len(values)
+    shape = (-1, *(1,) * (values.ndim - 1))
+    position, ends = at.reshape(shape), np.minimum(at + length, count)
+
+    def between(part, first, last):
+        total = np.concatenate([np.zeros_like(part[:1]), np.cumsum(part, axis=0)])
+        return total[last] - total[first]
+
+    zeroth, first, second = (between(values * position**k, at, ends) for k in range(3))
+    scale = 1.0 / max(length, 1)
+    last = np.minimum(ends + REACH, count)
+    after = between(values, ends, last)
+    return (
+        between(values, np.maximum(at - REACH, 0), last),
+        scale * (first - position * zeroth) + after,
+        scale**2 * (second - 2 * position * first + position**2 * zeroth) + after,
+    )
 
 
 def _covariances(residual, present):
@@ -259,7 +317,7 @@ def _patterns(n_stations):
 
 
 def changes(residual: np.ndarray) -> list[StepChange]:
-    """Find steps in the residuals of records, one after another, and their kinds.
+    """Find steps in the residuals of records, one after another, their kinds, and drifts.
 
     Parameters
     ----------
@@ -275,7 +333,9 @@ def changes(residual: np.ndarray) -> list[StepChange]:
     -----
     Generalised likelihood ratio of a step of each kind at each blast, with one covariance of single
     records and one that all records of a blast share, both by successive differences; the number
-    of parameters and of places tried is paid for as in the Bayesian information criterion.
+    of parameters and of places tried is paid for as in the Bayesian information criterion. Up to
+    three steps of one station in turn, alike in kind and direction, become one drift where that
+    fits all records better by 3 in the log of the likelihood.
     """
     if np.isfinite(residual).all(axis=-1).sum(axis=0).max(initial=0) < 2 * FEWEST:
         return []
@@ -293,43 +353,78 @@ def changes(residual: np.ndarray) -> list[StepChange]:
             else:
                 result[k] = again
                 rest = rest - _shape(again, residual.shape)
+    result = _with_drifts(scan, rest, result)
     return sorted(result, key=lambda change: change.blast)
 
 
-def _next(scan, residual):
+def _with_drifts(scan, rest, steps):
+    """Return the changes with those steps replaced that a drift explains better.
+
+    A drift leaves one step, or several of its kind in turn. Both are judged by all records.
+    """
+    result = sorted(steps, key=lambda change: change.blast)
+    for count in (3, 2, 1):
+        for first in list(result):
+            group = [change for change in result if _alike(first, change)][:count]
+            if len(group) < count or first not in result:
+                continue
+            without = rest + sum(_shape(change, rest.shape) for change in group)
+            drift = _next(scan, without, LENGTHS[1:])
+            if drift is None or not _alike(first, drift, before=max(LENGTHS)):
+                continue
+            residual = without - _shape(drift, rest.shape)
+            gain = scan.misfit(rest) - scan.misfit(residual)
+            if gain + (count - 1) * scan.price(first) > DRIFT:
+                result = [change for change in result if change not in group]
+                result.append(drift)
+                rest = residual
+    return result
+
+
+def _alike(first, other, before=0):
+    """Return whether a change is of the kind, station and direction of an earlier one."""
+    return (
+        first.station == other.station and first.kinds[0] == other.kinds[0]
+        and -before <= other.blast - first.blast <= max(LENGTHS)
+        and float((first.step * other.step).sum()) > 0.0
+    )  # fmt: skip
+
+
+def _next(scan, residual, lengths=LENGTHS[:1]):
     """Return the change of most evidence, None where none has enough."""
-    rows = scan.best(residual)
-    if not rows or rows[0][0] < SURE:
+    rows = scan.best(residual, lengths)
+    if not rows or rows[0].evidence < SURE:
         return None
-    evidence, _, station, pattern, used, ratio, step, error = rows[0]
-    share = np.exp(ratio - ratio.max())
+    best = rows[0]
+    share = np.exp(best.ratio - best.ratio.max())
     order = np.argsort(-share)
     inside = order[: int(np.searchsorted(np.cumsum(share[order]) / share.sum(), SHARE)) + 1]
-    blast = int(used[np.argmax(ratio)])
-    ends = int(used[inside.min()]), int(used[inside.max()])
+    ends = int(best.used[inside.min()]), int(best.used[inside.max()])
     kinds = [
-        row[1] for row in rows
-        if evidence - row[0] < LEAD
-        and ends[0] - 1 <= row[4][np.argmax(row[5])] <= ends[1] + 1
+        row.kind for row in rows
+        if best.evidence - row.evidence < LEAD and row.length == best.length
+        and ends[0] - 1 <= row.blast <= ends[1] + 1
     ]  # fmt: skip
-    size, spread = pattern @ step, np.abs(pattern) @ error
-    if station is not None:
-        size, spread = size[station], spread[station]
-    elif rows[0][1] != "ground":
+    size, spread = best.pattern @ best.step, np.abs(best.pattern) @ best.error
+    if best.station is not None:
+        size, spread = size[best.station], spread[best.station]
+    elif best.kind != "ground":
         size, spread = size[0], spread[0]
     if "coupling" in kinds:
         kinds.append("ground")  # on the way to one station
     return StepChange(
-        blast, ends, tuple(dict.fromkeys(kinds)), station, size, spread, float(evidence)
-    )
+        best.blast, ends, tuple(dict.fromkeys(kinds)), best.station, size, spread,
+        float(best.evidence), best.length,
+    )  # fmt: skip
 
 
 def _shape(change, shape):
     """Return what a change adds to the residuals."""
-    added = np.zeros(shape)
-    after = added[change.blast :]
+    since = np.arange(shape[0]) - change.blast
+    grown = np.clip(since / max(change.length, 1), 0.0, 1.0) if change.length else since >= 0
+    added, grown = np.zeros(shape), grown.astype(float)[:, None]
     if change.station is None:
-        after += change.step
+        added += grown[..., None] * change.step
     else:
-        after[:, change.station] += change.step
+        added[:, change.station] += grown * change.step
     return added

@@ -84,6 +84,34 @@ class DamagedZone:
 
 
 @dataclass(frozen=True)
+class Body:
+    """Body of softer or stiffer rock: factor exp(change exp(-(distance/reach)^2/2)).
+
+    Parameters
+    ----------
+    centre : tuple of 3 float, m
+    change : float
+        Of the logarithm of the speeds at the centre; negative where softer.
+    reach : float, m
+
+    Notes
+    -----
+    The logarithm is averaged over each zone as over a cube of its edges, to second order of these:
+    a Gaussian as much wider and lower.
+    """
+
+    centre: tuple[float, float, float]
+    change: float
+    reach: float
+
+    def factor(self, places: np.ndarray, edges: np.ndarray) -> np.ndarray:
+        """Return the factor (n,) in zones of centres (n, 3) and mean edges (n,), m."""
+        wide = self.reach**2 + np.asarray(edges) ** 2 / 12.0
+        apart = np.sum((places - np.array(self.centre)) ** 2, axis=1)
+        return np.exp(self.change * (self.reach**2 / wide) ** 1.5 * np.exp(-0.5 * apart / wide))
+
+
+@dataclass(frozen=True)
 class Heterogeneity:
     """Random heterogeneity: Gaussian field of the logarithm of the wave speeds; theory.md (1.8).
 

@@ -239,9 +239,7 @@ class Project:
         if self.sized is not self.ground and self.dear is not None:
             raise InputError(f"{self.path.name}: mesh.minutes: {self.dear.text}")
         with named_error(self.path.name):
-            return mesh_ground(
-                self.ground, self._places, self._top, self._model_on, self.uncut
-            )
+            return mesh_ground(self.ground, self._places, self._top, self._model_on, self.uncut)
 
     @property
     def _places(self):

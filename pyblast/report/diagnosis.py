@@ -16,7 +16,15 @@ from ..diagnosis.decision import (
 from ..diagnosis.fitting import Fit
 from ..diagnosis.hypotheses import LIBRARY
 from ..diagnosis.search import material, means
-from ..diagnosis.summary import acts, diagnosis_lines, holes_in_words, not_computed
+from ..diagnosis.summary import (
+    acts,
+    diagnosis_lines,
+    holes_in_words,
+    not_asked,
+    not_computed,
+    place_in_words,
+    residual_shown,
+)
 from ..diagnosis.thresholds import (
     DECISIVE,
     ENERGY_SHARE,
@@ -24,6 +32,7 @@ from ..diagnosis.thresholds import (
     FAR_OFF,
     MATERIAL,
     MESH_SHARE,
+    OPEN_SET,
 )
 from ..errors import contained
 from ..files import plain, write_text
@@ -39,6 +48,7 @@ from .diagnosis_figures import (
     holes_figure,
     maps_figure,
     ranking_figure,
+    rock_map,
     time_frequency_figure,
 )
 from .pages import page
@@ -51,7 +61,7 @@ MEANINGS = {
     "CLASS": "an effect is missing; these records cannot distinguish between a few",
     "COMPOSITE": "several effects are missing together, and each is needed",
     "PARTIAL": "an effect explains much, but not all of it is explained or tested",
-    "UNKNOWN": "something is missing that no effect of the library explains",
+    "UNKNOWN": "something is missing that no effect that could be asked explains",
     "MISTAKE": "records or hole tables hold a mistake; the ground has not been judged",
 }
 USUAL = {
@@ -61,6 +71,7 @@ USUAL = {
     "Pa/m": (("MPa/m", FACTORS["mpa_per_m"]), ("GPa/m", FACTORS["gpa_per_m"])),
     "rad": (("°", radians(1.0)),),
 }
+AIR = 340.0  # m/s, speed of sound
 COUNTS = {2: "Two", 3: "Three"}
 
 
@@ -88,7 +99,8 @@ def render_diagnosis(diagnosis: Diagnosed, summary: dict) -> str:
     lists = {"s": summary | {"assumed": [], "files_sha256": {}}, "far": FAR_FROM_PRIOR}
     with contained(failures, "page"):
         return page("diagnosis.html").render(
-            meanings=MEANINGS, failures=not_computed(failures), **lists, **parts
+            meanings=MEANINGS, place=place_in_words, failures=not_computed(failures), **lists,
+            **parts,
         )
     with contained(failures, "lines"):
         parts["lines"] = diagnosis_lines(summary)
@@ -106,6 +118,7 @@ def _parts(diagnosis, summary, failures):
         "mistakes": lambda: acts(summary),
         "ranking": lambda: ranking_rows(diagnosis),
         "scored": lambda: score_rows(summary),
+        "asked": lambda: list(not_asked(summary)),
         "detection_limits": lambda: detection_limit_rows(summary),
         "required": lambda: required_evidence(summary),
         "share": lambda: share(summary),
@@ -118,6 +131,7 @@ def _parts(diagnosis, summary, failures):
     figures = {
         "maps": (
             lambda: _map_figures(diagnosis, summary),
+            lambda: _rock_maps(diagnosis, summary),
             lambda: _time_frequency(diagnosis, summary),
         ),
         "rank_figure": (lambda: _rank_figures(diagnosis, summary),),
@@ -144,7 +158,9 @@ def lead(diagnosis: Diagnosed, summary: dict) -> str:
     """Return the result in a few sentences, which begin the page; suspected misfires first."""
     silent = summary["suspected_misfires"]
     first = f"Suspected misfires: {holes_in_words(silent)}. " if silent else ""
-    return first + _answer(diagnosis, summary)
+    vary = summary["holes_vary"]
+    last = f" {vary['words'][0].upper()}{vary['words'][1:]}." if vary else ""
+    return first + _answer(diagnosis, summary) + last
 
 
 def _answer(diagnosis, summary):
@@ -160,6 +176,8 @@ def _answer(diagnosis, summary):
                 "the records of all receivers within noise and model error."
             )
         which = "every effect of the library was scored"
+        if not_asked(summary):
+            which = f"every effect but {joined_by_and(list(not_asked(summary)))} was scored"
         if not summary["finished"]:
             which = "the effects that the budget sufficed for were scored"
         return (
@@ -167,7 +185,8 @@ def _answer(diagnosis, summary):
             "the error explains. What would have been detected is listed below."
         )
     if outcome == "UNKNOWN":
-        return f"Something is missing{_near(summary['located'])}, and {_why_not(summary)}."
+        said = f"Something is missing{_near(summary['located'])}, and {_why_not(summary)}."
+        return f"{_not_asked(summary)}{said}{_alike(summary['located'])}"
     sentences = [f"{claim} ({label})." for label, claim in claims(decision.fit)]
     basis = f"This explains {share(summary)} of the misfit that exceeds noise and model error, "
     if not material(diagnosis.search.without_effects.chi_square):
@@ -192,6 +211,34 @@ def _answer(diagnosis, summary):
     elif outcome == "PARTIAL" and not summary["finished"]:
         basis += " But the budget ended before all other effects were tried."
     return " ".join([*sentences, basis])
+
+
+def _not_asked(summary):
+    """Return the sentence on what was not asked, by reason; empty where all was."""
+    by_reason = {}
+    for label, reason in not_asked(summary).items():
+        by_reason.setdefault(reason, []).append(label)
+    rows = [f"{joined_by_and(labels)} ({reason})" for reason, labels in by_reason.items()]
+    return f"Not asked: {'; '.join(rows)}. " if rows else ""
+
+
+def _alike(located):
+    """Return what a residual shows by itself: how it runs, where it points, how it grows."""
+    if located is None:
+        return ""
+    parts, run = [], located["moveout"]
+    if run is not None:
+        low, high = (f"{run[key]:.0f}" for key in ("low", "high"))
+        from_ = "from the blast" if run["azimuth_deg"] is None else (
+            f"towards {run['azimuth_deg']:.0f}°"
+        )  # fmt: skip
+        air = ", as a wave in air does" if run["low"] <= AIR <= run["high"] else ""
+        parts.append(f"it runs {from_} over the receivers at {low} to {high} m/s{air}")
+    direction, share = max(located["polarisation"].items(), key=lambda pair: pair[1])
+    parts.append(f"{100 * share:.0f} % of its energy is {direction}")
+    if located["growth"] is not None:
+        parts.append(f"its share grows with the charge to the power {located['growth']:.2g}")
+    return f" By itself: {'; '.join(parts)}."
 
 
 def _more_remains(diagnosis):
@@ -227,6 +274,11 @@ def _why_not(summary):
         return "the budget ended before all effects of the library were tried"
     if tested is None:
         return "nothing in the library explains it"
+    if evidence["open_set"] is not None and evidence["open_set"] < OPEN_SET:
+        return (
+            f"the cause is outside of the library: its best candidate, {best}, has "
+            f"{evidence['open_set']:.2g} of the evidence of sources anywhere in the ground"
+        )
     reason = "does not predict held-out records"
     if tested["improves"]:
         reason = "leaves too much unexplained"
@@ -273,10 +325,7 @@ def _near(located):
         return ""
     names = list(located["receivers"])
     (f0, f1), (t0, t1) = located["frequency_hz"], located["time_s"]
-    points = "".join(
-        f" near east {p['x']:.0f} m, north {p['y']:.0f} m (within {0.5 * p['resolution_m']:.0f} m)"
-        for p in located["points"]
-    )
+    points = "".join(f" near {place_in_words(point)}" for point in located["points"])
     seen = f", seen at {joined_by_and(names)}" if names else ", seen"
     return f"{points}{seen} at {f0:.3g} to {f1:.3g} Hz, {t0:.2g} to {t1:.2g} s after the first hole"
 
@@ -455,6 +504,9 @@ def assumptions(diagnosis: Diagnosed, summary: dict) -> list[str]:
         "the outcome is NULL only if the "
         f"energy that remains of every receiver and every blast is below {MATERIAL:g} times the "
         f"usual one, and no calibrated value lies beyond {FAR_OFF:g} prior deviations.",
+        "Holes of one charge do not radiate alike: each charge, and its path to each receiver, has "
+        "a smooth filter of its own. How much these vary is learned before any effect is asked "
+        "for, and counts as usual.",
         f"The ground is made of {case.project.meshed.reason}{finer}.",
         "Attenuation of the reference site: "
         + ("none." if quality is None else f"Qp {quality[0]:g}, Qs {quality[1]:g}."),
@@ -480,7 +532,7 @@ def _map_figures(diagnosis, summary) -> Iterator[Figure]:
     misfits = {title: means(fit.chi_square, 0) for title, fit in fits.items()}
     points, targets = _points(summary), _targets(diagnosis)
     diagnosed = _diagnosed(diagnosis)
-    depth = " Its depth is not resolved." if points else ""
+    depth = ""
     if case.project.config.mesh.faults:
         depth += " Of a joint, the line is its trace on the ground, the face what lies below."
     yield (
@@ -492,6 +544,23 @@ def _map_figures(diagnosis, summary) -> Iterator[Figure]:
             targets=targets, points=points, diagnosed=diagnosed,
         ),
     )  # fmt: skip
+
+
+def _rock_maps(diagnosis, summary) -> Iterator[Figure]:
+    """Draw where in the rock a change would explain what remains."""
+    look = summary[residual_shown(summary)]
+    if look is None or look["cells"] is None:
+        return
+    where = "No place is given: none explains enough, or too much of the ground would do."
+    if look["points"]:
+        where = f"Most like a change at {joined_by_and(list(map(place_in_words, look['points'])))}."
+    beside = " beside the answer" if residual_shown(summary) == "remainder" else ""
+    yield (
+        "Where in the rock",
+        f"How well a soft or stiff body at each place explains the records{beside}: Δ ln evidence, "
+        f"which pays for its freedom. {where} Linear: a void shows too deep.",
+        lambda: rock_map(look["cells"], diagnosis.search.scene.case.project, look["points"]),
+    )
 
 
 def scene_of(diagnosis: Diagnosed, summary: dict) -> dict:
@@ -532,8 +601,8 @@ def _targets(diagnosis):
 
 def _points(summary):
     """Return where residuals are located that the answer does not explain."""
-    key = {"UNKNOWN": "located", "PARTIAL": "remainder"}.get(summary["outcome"])
-    return [] if key is None or summary[key] is None else summary[key]["points"]
+    located = summary[residual_shown(summary)]
+    return [] if located is None else located["points"]
 
 
 def _diagnosed(diagnosis):

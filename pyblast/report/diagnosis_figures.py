@@ -300,7 +300,7 @@ def maps_figure(project, receivers, misfits, material, *, targets=(), points=(),
     targets : collection of str
         Joints, receivers and blasts with effects.
     points : list of dict
-        ``x``, ``y`` and ``resolution_m`` of located residuals.
+        ``x``, ``y``, ``z`` and ``within_m`` of located residuals.
     diagnosed : Project, optional
         With the effects on its site: faults that are not in the project are drawn as targets.
 
@@ -331,7 +331,7 @@ def maps_figure(project, receivers, misfits, material, *, targets=(), points=(),
             axis.grid(False)
         _named(plan, receivers, positions, targets)
         _layers(section, project, box)
-        _points(plan, section, points, across)
+        _points((plan, section), ((0, 1), (across, 2)), points)
     bar = figure.colorbar(ScalarMappable(norm, MISFIT), ax=axes, shrink=0.6)
     bar.set_label("misfit over noise and model error (1: explained)", fontsize=8)
     bar.set_ticks(round_marks(norm.vmin, norm.vmax).tolist())
@@ -348,6 +348,51 @@ class DrawnPlane(NamedTuple):
     name: str
     polygons: list[np.ndarray]
     strong: bool
+
+
+def rock_map(cells, project, points) -> dict:
+    """Return the plot of where in the rock a change would explain a residual, plan and section.
+
+    Parameters
+    ----------
+    cells : dict of str to (n,) float
+        ``x``, ``y``, ``z`` in m and ``score``, as of `points_of`; of those behind one another the
+        best is shown.
+    project : Project
+    points : list of dict
+        Located residuals.
+
+    Returns
+    -------
+    dict
+        Of `page_plot`.
+    """
+    places = np.array([cells[axis] for axis in "xyz"])
+    score = np.maximum(np.array(cells["score"]), 0.0)
+    high = max(float(score.max()), 1.0)
+    scale = {"label": "score", "low": 0.0, "high": high, "colours": "darker"}
+    box, across = extent_of(project), int(np.ptp(places[1]) > np.ptp(places[0]))
+    stations = np.array(list(_positions(project).values())).T
+    holes = np.concatenate([blast.centres for blast in project.blasts.values()]).T
+    panels = []
+    for h, v in ((0, 1), (across, 2)):
+        order = np.argsort(score, kind="stable")
+        best = {(places[h, n], places[v, n]): score[n] for n in order}
+        x, y = np.array(list(best)).T
+        marks = [
+            dots(x, y, "cell", values=np.array(list(best.values())), radius=9, quiet=True),
+            dots(stations[h], stations[v], "receiver", INK, radius=4),
+            dots(holes[h], holes[v], "hole", FAULT, radius=2),
+        ]
+        if points:
+            at = [[point["xyz"[n]] for point in points] for n in (h, v)]
+            marks.append(dots(*at, "located residual", POINT, radius=7, ring=True))
+        ends = [(float(min(box[n, 0], places[n].min())), float(max(box[n, 1], places[n].max())))
+                for n in (h, v)]  # fmt: skip
+        axes = [axis_of(f"{NAMES[n]} [m]", *end) for n, end in zip((h, v), ends, strict=True)]
+        panels.append(panel(*axes, marks, 320, equal=True, scale=scale))
+    words = "Cells of the ground by how well a change there explains the residual."
+    return page_plot(words, *panels, columns=2)
 
 
 def drawn_planes(project, diagnosed=None, targets=()) -> list[DrawnPlane]:
@@ -538,14 +583,15 @@ def _layers(axis, project, box):
         top = bottom
 
 
-def _points(plan, section, points, across):
-    """Draw located residuals, whose depth is unknown."""
-    for point in points:
-        centre, radius = (point["x"], point["y"]), 0.5 * point["resolution_m"]
-        plan.add_patch(Circle(centre, radius, fill=False, ec=POINT, lw=1.6, ls="--", zorder=6))
-        plan.plot(*centre, "x", color=POINT, ms=8, mew=2.0, zorder=6)
-        ends = centre[across] - radius, centre[across] + radius
-        section.axvspan(*ends, color=POINT, alpha=0.15, lw=0, zorder=1)
+def _points(axes, views, points):
+    """Draw located residuals."""
+    for axis, (h, v) in zip(axes, views, strict=True):
+        for point in points:
+            at = [(point["x"], point["y"], point["z"])[n] for n in (h, v)]
+            axis.add_patch(
+                Circle(at, point["within_m"], fill=False, ec=POINT, lw=1.6, ls="--", zorder=6)
+            )
+            axis.plot(*at, "x", color=POINT, ms=8, mew=2.0, zorder=6)
 
 
 def _legend(figure, planes, targets, points, material):

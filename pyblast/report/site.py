@@ -122,9 +122,10 @@ def _change_words(row):
     where = f"at {row['station']}" if row["station"] else "at all stations"
     first, last = row["between"]
     says = f"; the log: {', '.join(row['log_says'])}" if row["log_says"] else ""
+    how = f"changed slowly until about {row['until']}" if row["until"] else "changed"
     return (
         f"since {row['blast']}, {row['time'][:10]} (after {first}, at the latest from {last}), "
-        f"{where}: {kinds} changed{_step_words(row)}{says}"
+        f"{where}: {kinds} {how}{_step_words(row)}{says}"
     )
 
 

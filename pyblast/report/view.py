@@ -111,7 +111,7 @@ def with_diagnosis(shown: dict, misfits: dict, planes: dict, located: list) -> d
     planes : dict of str to list of (n, 3) float64, m
         Outlines of the faults with effects; where the scene holds one of that name, it is marked.
     located : list of dict
-        ``x``, ``y`` and ``resolution_m`` of located residuals.
+        ``x``, ``y``, ``z`` and ``within_m`` of located residuals.
 
     Returns
     -------

@@ -371,12 +371,12 @@ def greens_functions(
     checked = _check_no_slip(model, duration, folder)
     summary = f"{summary}; {checked}" if checked else summary
     log.info("stored responses: %s", summary)
-    pushes = _pushes(model.receivers)
-    numbers = list(range(len(parts) if chosen == "source" else len(pushes)))
+    forces = receiver_forces(model.receivers)
+    numbers = list(range(len(parts) if chosen == "source" else len(forces)))
     results = _collect(unloaded, duration, chosen, numbers, folder, executor)
     response = np.stack([arrays["response"] for arrays in results])
     if chosen == "receiver":
-        response = _in_components(model.receivers, pushes, response)
+        response = in_components(model.receivers, forces, response)
     dt = float(results[0]["dt"])
     return GreensFunctions(
         units, parts, model.receivers, np.ascontiguousarray(response), dt, within, chosen,
@@ -407,7 +407,7 @@ def _places(sources, within):
 
 def _choose(side, units, n_source, receivers):
     """Return the side with fewer runs, or the requested one, and a sentence about it."""
-    n_receiver = len(_pushes(receivers))
+    n_receiver = len(receiver_forces(receivers))
     columns = any(isinstance(unit, Column) for unit in units)
     if columns and side == "receiver":
         raise InputError(
@@ -462,7 +462,7 @@ def _key(model, duration, side, number):
         part = _parts(model)[number]
         alone = replace(model, sources=[model.sources[part[0]]])
         return input_hash(side, alone, part[1], duration)
-    receiver, direction = _pushes(model.receivers)[number]
+    receiver, direction = receiver_forces(model.receivers)[number]
     at = np.asarray(model.receivers[receiver].position, dtype=float)
     return input_hash(side, replace(model, receivers=()), at, direction, duration)
 
@@ -497,7 +497,8 @@ def _from_receivers(model, prepared, numbers):
     table = np.zeros((len(each), len(nodes), 3))
     for row, load in zip(table, each, strict=True):
         np.add.at(row, np.searchsorted(nodes, load["load_node"]), load["load_vector"])
-    forces = [_receiver_loads(model, prepared, n) for n in numbers]
+    step = _unit_step(prepared.n_steps + 1)
+    forces = [receiver_loads(model, n, step) for n in numbers]
     weights, pieces = scipy.sparse.csr_array(table.reshape(len(each), -1)), []
     for motion in _unit_step_runs(prepared, forces, nodes):
         loaded = np.moveaxis(motion[:, len(model.receivers) :], 0, -1)  # (nodes, 3, loads, steps)
@@ -506,7 +507,7 @@ def _from_receivers(model, prepared, numbers):
     return list(np.ascontiguousarray(np.concatenate(pieces, axis=2).swapaxes(0, 1)))
 
 
-def _pushes(receivers):
+def receiver_forces(receivers: Sequence[Receiver]) -> list[tuple[int, np.ndarray]]:
     """Return receiver number and direction (3,) of the forces that stand for its components.
 
     Three along the axes, or one along the normal of a receiver of one component.
@@ -518,27 +519,49 @@ def _pushes(receivers):
     ]
 
 
-def _in_components(receivers, pushes, response):
-    """Return responses (n_pushes, n_parts, n_steps) by receiver along east, north, vertical."""
-    motion = np.zeros((response.shape[1], len(receivers), 3, response.shape[2]))
-    for (receiver, direction), along in zip(pushes, response, strict=True):
+def in_components(
+    receivers: Sequence[Receiver], forces: Sequence[tuple[int, np.ndarray]], response: np.ndarray
+) -> np.ndarray:
+    """Return responses (n_forces, n_parts, n) by receiver along east, north, vertical.
+
+    Parameters
+    ----------
+    receivers : sequence of n_receivers Receiver
+    forces : sequence of n_forces (int, (3,) float64)
+        Of `receiver_forces`.
+    response : (n_forces, n_parts, n) float64 or complex64
+
+    Returns
+    -------
+    (n_parts, n_receivers, 3, n)
+        Of the type of the responses.
+    """
+    motion = np.zeros((response.shape[1], len(receivers), 3, response.shape[2]), response.dtype)
+    for (receiver, direction), along in zip(forces, response, strict=True):
         motion[:, receiver] += direction[:, None] * along[:, None]
     return motion
 
 
-def _receiver_loads(model, prepared, number):
-    """Return the loads of a unit step of force at a receiver, along one axis: its own weights."""
-    receiver, direction = _pushes(model.receivers)[number]
+def receiver_loads(model: Model, number: int, history: np.ndarray) -> dict[str, np.ndarray]:
+    """Return the loads of a force at a receiver along one of its axes: its own weights.
+
+    Parameters
+    ----------
+    model : Model
+    number : int
+        Among `receiver_forces` of its receivers.
+    history : (n_steps, 1) float64, N
+    """
+    receiver, direction = receiver_forces(model.receivers)[number]
     zone, local = locate_in_zones(model.mesh, model.receivers[receiver].position)
     nodes = model.nodes.zone_nodes[zone[0]]
-    n_steps = prepared.n_steps + 1
     return {
         "load_node": nodes,
         "load_vector": np.outer(model.nodes.shapes(local)[0], direction),
         "load_history": np.zeros(len(nodes), dtype=np.int32),
         "load_delay": np.zeros(len(nodes)),
         "load_member": np.full(len(nodes), -1, dtype=np.int32),
-        "history": _unit_step(n_steps),
+        "history": history,
     }
 
 

@@ -457,6 +457,8 @@ def _change_row(site: Joined, change: StepChange) -> dict:
     ]
     return {
         "blast": blasts[change.blast].name, "time": blasts[change.blast].time,
+        "until": blasts[min(change.blast + change.length, len(blasts) - 1)].name
+        if change.length else None,
         "between": [around[0].name, around[1].name], "kinds": change.kinds,
         "station": None if change.station is None else site.stations[change.station].name,
         "features": FEATURES, "step": change.step, "error": change.error,

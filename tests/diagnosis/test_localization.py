@@ -1,5 +1,6 @@
-"""Where residuals come from, on residuals that were sent from a known place."""
+"""Where residuals come from: what runs have changed is located, noise is not."""
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -7,10 +8,10 @@ import pytest
 from small_site import recorded, scene_of, small_site
 
 from pyblast.diagnosis import summary as module
-from pyblast.diagnosis.summary import locate_residual
-
-PLACE = np.array([75.0, 55.0, 0.0])
-SENT = 0.13  # s after the first hole
+from pyblast.diagnosis.error import with_calibrated
+from pyblast.diagnosis.forward import quarter_wave
+from pyblast.inference.location import Located, Places, located, unrestricted
+from pyblast.model.ground_fields import DamagedZone
 
 
 @cache
@@ -19,63 +20,91 @@ def scene():
     return scene_of(recorded(small_site()))
 
 
-def sent_from(place, blast=1, size=1.0):
-    """Return the motion of the site without a pulse that a place sends in one blast."""
-    case = scene().case
-    motion = case.motion.copy()
-    times = case.dt * np.arange(case.n_samples)
-    peak = size * np.abs(case.motion[blast]).max()
-    for r, receiver in enumerate(case.project.receivers):
-        way = np.linalg.norm(np.array(receiver.position) - place)
-        late = times - SENT - way / 1600.0
-        pulse = np.exp(-((late / 0.03) ** 2)) * np.sin(2.0 * np.pi * 15.0 * late)
-        motion[blast, r] -= peak * 20.0 / (way + 20.0) * pulse * np.ones((3, 1))
-    return motion
-
-
-def found(motion):
-    """Return what is located of it."""
+@cache
+def error():
     baseline = scene().baseline
-    return locate_residual(baseline, motion, baseline.chi_square(motion))
+    held = scene().case.band.project(baseline.slopes)
+    return with_calibrated(scene().error, baseline.sigma[:, None, None, None, None] * held)
 
 
-def off(point):
-    """Return how far a point is off, m."""
-    return np.hypot(point["x"] - PLACE[0], point["y"] - PLACE[1])
+@cache
+def bodies():
+    rock, _ = scene().secondary_places
+    return rock.spread(quarter_wave(scene().case.project, scene().case))
 
 
-def test_what_a_place_sends_is_found_there_whenever_it_sent_it():
-    (point,) = found(sent_from(PLACE))["points"]
-
-    assert off(point) < max(10.0, 0.5 * point["resolution_m"])
-    assert point["coherence"] > 0.95
-
-
-def test_it_is_looked_for_in_the_blast_that_is_explained_worst():
-    for blast in (0, 1):
-        said = found(sent_from(PLACE, blast))
-
-        assert max(said["blasts"], key=said["blasts"].get) == ("S1", "B1")[blast]
-        assert off(said["points"][0]) < 15.0
+def run_with(changed):
+    """Return the change of motion, in the band, by another ground, by runs."""
+    own, case = scene().simulation, scene().case
+    states = [own.of(case.project, blast) for blast in case.blasts]
+    done = own.run([changed(own.model(each)) for each in states])
+    motion = [own.sampled(r.seismograms, each.lead) for r, each in zip(done, states, strict=True)]
+    return scene().seen(np.array(motion) - scene().baseline.motion)
 
 
-def test_receivers_that_are_explained_do_not_count():
-    motion = sent_from(PLACE)
-    motion[1, 0] = scene().case.motion[1, 0]
+@pytest.mark.parametrize("place", [(90.0, 45.0, -15.0), (75.0, 70.0, -40.0)])
+def test_a_soft_body_is_located_where_it_is(place):
+    zone = DamagedZone(np.array([[place, place]]), 0.5, 15.0)
+    change = run_with(lambda model: replace(model, ground=(zone,)))
 
-    assert set(found(motion)["receivers"]) == {"R1", "R2", "R3"}
+    found = located(error(), bodies(), change, 0.3)
+
+    off = np.linalg.norm(found.places.centres - place, axis=1)
+    assert off[found.best] < 30.0  # a cell is 45 m long
+    assert found.strength[found.best, 1] < -0.1
+    assert found.score > 50.0
+    assert found.volume < 0.1 * found.places.sizes.sum()
 
 
-def test_nothing_comes_from_anywhere_where_all_is_explained():
-    assert found(scene().case.motion)["points"] == []
-    assert found(scene().case.motion)["receivers"] == {}
+def test_springs_of_a_joint_are_located_on_it_and_are_no_body():
+    def softer(model):
+        (joint,) = model.joints
+        soft = {name: 0.7 * joint.properties[name] for name in ("kn", "ks")}
+        return replace(model, joints=[replace(joint, properties=joint.properties | soft)])
+
+    change, patches = run_with(softer), scene().secondary_places[1]
+    assert set(patches.names) == {"J1"}
+
+    on_joint = located(error(), patches, change, 1.0)
+
+    assert on_joint.log_bayes.max() > located(error(), bodies(), change, 0.3).log_bayes.max()
+    assert on_joint.strength[on_joint.best].min() < 0.0
 
 
-def test_a_place_without_resolution_is_not_reported(monkeypatch):
-    (point,) = found(sent_from(PLACE))["points"]
-    monkeypatch.setattr(module, "RESOLVED", 0.9 * point["resolution_m"] / 120.0)
+def test_noise_scores_nowhere_and_unrestricted_sources_pay_for_their_freedom():
+    noise = error().draws(np.random.default_rng(2), 3, error().scores(0.0 * few()).at)
+    for each in noise:
+        assert located(error(), bodies(), each, 0.3).score < 10.0
+        assert unrestricted(error(), [(scene().secondary_places[0], 1.0)], each) < 10.0
 
-    assert found(sent_from(PLACE))["points"] == []
+
+def few():
+    return np.ones((1, *scene().case.motion.shape[:3], scene().case.band.n_functions))
+
+
+def test_unrestricted_sources_explain_what_a_body_does():
+    place = np.array([90.0, 45.0, -15.0])
+    zone = DamagedZone(np.array([[place, place]]), 0.5, 15.0)
+    change = run_with(lambda model: replace(model, ground=(zone,)))
+
+    free = unrestricted(error(), [(scene().secondary_places[0], 1.0)], change)
+
+    assert free > 0.5 * located(error(), bodies(), change, 0.3).log_bayes.max()
+
+
+def found_at(log_bayes):
+    """Return a location among cubes in a row, 10 m apart."""
+    n = len(log_bayes)
+    centres = np.outer(10.0 * np.arange(n), [1.0, 0.0, 0.0])
+    places = Places(centres, np.full(n, 1e3), np.zeros((n, 1, 1, 1, 3, 2), np.float32))
+    return Located(places, np.array(log_bayes, float), np.zeros((n, 1)), 1)
+
+
+def test_the_volume_that_holds_a_change_grows_where_places_are_alike():
+    sharp, flat = found_at([0.0, 20.0, 0.0, 0.0]), found_at([5.0, 5.0, 5.0, 5.0])
+    assert (sharp.volume, sharp.within) == (1e3, 0.0)
+    assert (flat.volume, flat.within) == (4e3, 30.0)
+    assert flat.score == pytest.approx(5.0)
 
 
 @pytest.mark.parametrize(

@@ -51,6 +51,32 @@ def test_nothing_is_found_where_nothing_changed():
     assert sum(alarms) <= 3  # of 60 times 120 blasts
 
 
+@pytest.mark.parametrize(
+    ("kind", "pattern"), [("gain", [1, 1, 0]), ("vertical channel", [0, 1, 0])]
+)
+def test_a_slow_change_is_a_drift(kind, pattern):
+    named = []
+    for seed in range(6):
+        values = np.concatenate([monitoring(10 * seed), monitoring(10 * seed + 1)])
+        grown = np.clip((np.arange(len(values)) - 70) / 110.0, 0.0, 1.0)
+        values[:, 1, :3] += -0.3 * grown[:, None] * pattern
+        named += [change for change in changes(values) if change.length]
+
+    assert len(named) >= 5
+    for drift in named:
+        assert (drift.kinds[0], drift.station) == (kind, 1)
+        assert abs(drift.blast + 0.5 * drift.length - 125) < 25
+        assert np.abs(drift.step[:3] + 0.3 * np.array(pattern)).max() < 0.08
+
+
+def test_a_step_is_no_drift():
+    step = np.array([-0.3, -0.3, 0, 0, 0, 0])
+
+    found = [changes(monitoring(seed, first=60, station=1, step=step)) for seed in range(8)]
+
+    assert {change.length for result in found for change in result} == {0}
+
+
 def test_two_steps_are_told_apart():
     values = monitoring(5, first=40, station=1, step=np.array([-0.3, -0.3, 0, 0, 0, 0]))
     values[75:, :] += [0.2, 0.2, 0, 0, 0, 0]

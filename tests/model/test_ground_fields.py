@@ -5,7 +5,7 @@ import pytest
 
 from pyblast.errors import InputError
 from pyblast.mesh.builder import structured_box
-from pyblast.model.ground_fields import DamagedZone, Gradient, Heterogeneity, damaged_group
+from pyblast.model.ground_fields import Body, DamagedZone, Gradient, Heterogeneity, damaged_group
 from pyblast.model.material import Material
 from pyblast.model.model import Model
 from pyblast.solver.time_step import critical_step
@@ -81,3 +81,16 @@ def test_damaged_zones_can_have_a_material_of_their_own():
     model = Model(mesh, {"rock": ROCK, "damaged": Material.from_speeds(2400.0, 3000.0, 1500.0)})
 
     assert np.unique(model.zone_values("cs")) == pytest.approx([1500.0, ROCK.cs])
+
+
+def test_a_body_changes_its_middle_and_keeps_its_whole_in_longer_zones():
+    body = Body((5.0, -3.0, -20.0), -0.4, 12.0)
+    middle = np.array([body.centre])
+    assert body.factor(middle, np.zeros(1))[0] == pytest.approx(np.exp(-0.4))
+    wholes = []
+    for edge in (2.0, 8.0):
+        line = np.arange(-96.0, 96.0 + edge, edge)
+        places = np.stack(np.meshgrid(line, line, line), axis=-1).reshape(-1, 3) + middle
+        wholes.append(edge**3 * np.log(body.factor(places, np.full(len(places), edge))).sum())
+    assert wholes[0] == pytest.approx(wholes[1], rel=1e-3)
+    assert wholes[0] == pytest.approx(-0.4 * (2.0 * np.pi) ** 1.5 * 12.0**3, rel=1e-3)

@@ -27,6 +27,7 @@ from pyblast.report.diagnosis import (
     usual,
 )
 from pyblast.report.diagnosis import scene_of as view_of
+from pyblast.report.diagnosis_figures import rock_map
 
 SLOW = Effect("clock_error", "R2", ((0.0,),))
 DELAYS = Effect("delay_scatter", "B1", ((0.0, 0.0, 0.0),))
@@ -218,14 +219,15 @@ def test_what_is_left_beside_an_effect_is_said_with_its_place():
         found.decision.fit, chi_square=np.full_like(found.decision.fit.chi_square, REMAINS)
     )
     found = replace(found, decision=replace(found.decision, fit=left, explained_share=0.5))
-    point = {"x": 71.2, "y": 40.0, "coherence": 0.9, "resolution_m": 24.0}
+    point = {"x": 71.2, "y": 40.0, "z": -9.6, "within_m": 12.0, "joint": None}
     partial = summary | {
         "outcome": "PARTIAL",
         "remainder": summary["located"] | {"points": [point]},
     }
 
     said = lead(found, partial)
-    assert "But something else is missing near east 71 m, north 40 m (within 12 m), seen at" in said
+    place = "east 71 m, north 40 m, height -10 m (within 12 m)"
+    assert f"But something else is missing near {place}, seen at" in said
 
 
 @pytest.mark.parametrize(("outcome", "shown"), [("NAMED", 0), ("UNKNOWN", 1), ("NULL", 0)])
@@ -344,3 +346,55 @@ def test_what_is_unknown_though_the_misfit_is_small_says_why(deviation, said):
     text = lead(found, summary | {"evidence": evidence, "calibration": calibration})
 
     assert said in text
+
+
+def test_an_unknown_says_first_what_was_not_asked_and_how_its_residual_runs():
+    found, summary = made("UNKNOWN")
+    why = "the ground is not flat: give flat [[mesh.layers]]"
+    rows = [
+        {"label": "air_blast", "targets": [], "reason": why},
+        {"label": "side", "targets": [], "reason": "every side is a cut"},
+        {"label": "missing_joint", "targets": ["x=50.0"], "reason": "too near"},
+    ]
+    shown = {
+        "moveout": {"speed_m_per_s": 340.0, "low": 330.0, "high": 360.0, "azimuth_deg": None,
+                    "coherence": 0.9},
+        "polarisation": {"radial": 0.2, "transverse": 0.1, "vertical": 0.7}, "growth": 0.45,
+    }  # fmt: skip
+    summary = summary | {"not_testable": rows, "located": summary["located"] | shown}
+
+    said = lead(found, summary)
+
+    assert said.startswith(f"Not asked: air_blast ({why}). Something is missing")
+    assert "from the blast over the receivers at 330 to 360 m/s, as a wave in air does" in said
+    assert "70 % of its energy is vertical; its share grows with the charge to" in said
+    lines = diagnosis_lines({"finished": True, **summary})
+    assert lines[1] == f"  not asked: air_blast: {why}"
+
+
+def test_the_best_of_cells_behind_one_another_is_shown_in_plan_and_in_section():
+    cells = {"x": [10.0, 10.0, 50.0], "y": [20.0, 20.0, 20.0], "z": [-5.0, -25.0, -5.0],
+             "score": [4.0, 60.0, -3.0]}  # fmt: skip
+    point = {"x": 10.0, "y": 20.0, "z": -25.0, "within_m": 9.0}
+
+    plan, section = rock_map(cells, small_site(), [point])["panels"]
+
+    assert sorted(plan["marks"][0]["values"]) == [0.0, 60.0]
+    assert sorted(section["marks"][0]["values"]) == [0.0, 4.0, 60.0]
+    ends = [(each["x"]["label"], each["y"]["label"]) for each in (plan, section)]
+    assert ends == [("east [m]", "north [m]"), ("east [m]", "height [m]")]
+    assert (section["marks"][-1]["x"], section["marks"][-1]["y"]) == ([10.0], [-25.0])
+
+
+@pytest.mark.parametrize("points", [0, 1])
+def test_a_map_of_the_rock_says_where_or_that_no_place_is_given(points):
+    found, summary = made("UNKNOWN")
+    point = {"x": 71.2, "y": 40.0, "z": -9.6, "within_m": 12.0, "joint": "J1"}
+    cells = {"x": [10.0, 50.0], "y": [20.0, 20.0], "z": [-5.0, -5.0], "score": [4.0, 60.0]}
+    look = summary["located"] | {"points": [point][:points], "cells": cells}
+
+    shown = render_diagnosis(found, summary | {"located": look})
+
+    assert "Where in the rock" in shown
+    assert ("on joint J1 (within 12 m)" in shown) == bool(points)
+    assert ("No place is given" in shown) != bool(points)

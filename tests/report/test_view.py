@@ -227,7 +227,7 @@ def test_receivers_take_the_colour_of_their_share_of_a_limit(result):
 
 def test_a_diagnosis_marks_planes_with_effects_and_adds_those_that_the_model_lacks(result):
     square = np.array([[5.0, 0, 0], [5, 20, 0], [5, 20, 30], [5, 0, 30]])
-    found = {"x": 30.0, "y": 10.0, "resolution_m": 8.0}
+    found = {"x": 30.0, "y": 10.0, "z": 4.0, "within_m": 8.0}
 
     drawn = with_diagnosis(scene(result), {"R1": 6.0}, {"F1": [], "found": [square]}, [found])
 

@@ -348,7 +348,9 @@ def test_threads_change_no_bit_in_a_layer(ground):
 def test_pieces_of_a_run_change_no_bit_in_a_layer():
     one = open_box(1, True, 3)
 
-    alone, halted = (simulate(one, 0.1, snapshot_times=at) for at in ((), np.arange(0.01, 0.1, 0.011)))
+    alone, halted = (
+        simulate(one, 0.1, snapshot_times=at) for at in ((), np.arange(0.01, 0.1, 0.011))
+    )
 
     assert len(halted.snapshots) > 5
     assert digest(halted) == digest(alone)

@@ -7,6 +7,7 @@ import numpy as np
 
 from benchmarks.blind.sites import HIDDEN
 from benchmarks.blind.worlds import delayed
+from pyblast.blasts.hole_effects import Pattern
 from pyblast.diagnosis.case import case_of
 from pyblast.diagnosis.effects import (
     PredictionScene,
@@ -58,9 +59,10 @@ def _fired(project, name, effects):
     exponent = project.config.blast.charge_exponent
     for effect in effects:
         if effect.hypothesis.on == "holes" and blast_and_hole(effect.target)[0] == name:
-            delays, scales = effect.hypothesis.apply(blast, effect.target, **effect.parameters)
-            times = times + delays
-            charge = charge * scales ** (1.0 / exponent)
+            pattern = Pattern(blast, np.zeros((1, 3)))
+            change = effect.hypothesis.apply(pattern, effect.target, **effect.parameters)
+            times = times + np.ravel(change.delay)
+            charge = charge * np.ravel(change.scale) ** (1.0 / exponent)
     lead = max(0.0, -float(times.min()))
     changed = replace(blast, times=times + lead, charge=charge)
     return project.changed(blasts={**project.blasts, name: changed}), lead

@@ -296,10 +296,10 @@
       caster.set(new THREE.Vector3(at[0], at[1], model.whole[1][2] + size), new THREE.Vector3(0, 0, -1));
       var below = caster.intersectObject(front, false)[0], height = below ? below.point.z : model.high[2];
       for (k = 0; k < 72; k++) [k, k + 1].forEach(function (n) {
-        ring.push(at[0] + 0.5 * point.resolution_m * Math.cos(n * Math.PI / 36), at[1] + 0.5 * point.resolution_m * Math.sin(n * Math.PI / 36), height);
+        ring.push(at[0] + point.within_m * Math.cos(n * Math.PI / 36), at[1] + point.within_m * Math.sin(n * Math.PI / 36), height);
       });
       world.add.apply(world, linesOf(ring, 3, PLANE.named, []));
-      label([at[0], at[1] + 0.5 * point.resolution_m, height], "the residual comes from here", false);
+      label([at[0], at[1] + point.within_m, height], "the residual comes from here", false);
     }
     function holes() {
       var bores = [], charges = [], paint = [];
