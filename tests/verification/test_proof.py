@@ -222,7 +222,7 @@ def test_the_page_shows_each_first_answer_beside_the_others(monkeypatch):
     text = page.page(rows, "aa", first_answers(rows, "aa"))
 
     assert "| site-01 | nothing | CLASS | not answered | NULL (2×) |" in text
-    assert "| false alarms on nulls | ≤ 2% | 100% | 2.5% to 100.0% | 1 of 60 needed |" in text
+    assert "| false alarms on nulls | ≤ 2 % | 100 % | 2.5 % to 100.0 % | 1 of 60 needed |" in text
 
 
 def test_a_registered_truth_is_never_changed(tmp_path, monkeypatch):

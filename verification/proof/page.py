@@ -22,6 +22,7 @@ from .scores import (
     gains,
     in_library_words,
     met,
+    percent,
     power,
     right,
     shares,
@@ -128,10 +129,11 @@ def _targets(answers):
         cells = f"{NOT_ANSWERED} | | 0"
         if hits:
             low, high = clopper_pearson(sum(hits), len(hits))
-            cells = f"{np.mean(hits):.0%} | {low:.1%} to {high:.1%} | {len(hits)}"
+            span = f"{percent(low, 1)} to {percent(high, 1)}"
+            cells = f"{percent(np.mean(hits))} | {span} | {len(hits)}"
         verdict = VERDICT[met(target, hits)]
         of = f" of {target.least} needed" if hits and len(hits) < target.least else ""
-        lines.append(f"| {target.words} | {target.sign} {target.share:.0%} | {cells}{of} "
+        lines.append(f"| {target.words} | {target.sign} {percent(target.share)} | {cells}{of} "
                      f"| {verdict} |")  # fmt: skip
     return "\n".join(lines)
 
@@ -158,7 +160,8 @@ def _numbers(rows):
     inside = NOT_ANSWERED
     if covered:
         low, high = clopper_pearson(sum(covered), len(covered))
-        inside = f"{np.mean(covered):.0%} ({low:.0%} to {high:.0%}) of {len(covered)}"
+        share, low, high = map(percent, (np.mean(covered), low, high))
+        inside = f"{share} ({low} to {high}) of {len(covered)}"
     lines = ["| | |", "|---|---|", f"| place off by, median | {_median(metres, '.1f', ' m')} |"]
     for key, words in (("after", "the answer"), ("second", "the second best effect"),
                        ("right", "the right model")):  # fmt: skip

@@ -13,7 +13,7 @@ from verification.markdown import reflow
 from verification.rows import program
 
 from .cases import KNOWN, digest_of, truth_of
-from .scores import TARGETS
+from .scores import TARGETS, percent
 
 FILE = Path(__file__).with_name("registered.json")
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "quality" / "registration.md"
@@ -36,7 +36,7 @@ cases are answered. `./dev proof` answers each case once and writes [what came o
    options that a user gets who gives none.
 2. The first answer of a version to a case stays for ever in `verification/proof.json`. A later
    one stands beside it and counts for nothing.
-3. A truth is compared with its digest before it is read, and is read after the answer. A case
+3. A truth is compared with its digest before a case is answered, and read after the answer. A case
    whose truth has changed is refused.
 4. A crash is an answer, and wrong. A case that has no row is not answered: it counts neither for
    nor against.
@@ -134,7 +134,7 @@ def page(table: dict) -> str:
     )
     rows = "\n".join(f"| {name} | `{sealed}` |" for name, sealed in table["cases"].items())
     limits = "\n".join(f"| `{name}` | {value:.4g} |" for name, value in table["thresholds"].items())
-    targets = "\n".join(f"- {target.words}: {target.sign} {target.share:.0%}, of at least "
+    targets = "\n".join(f"- {target.words}: {target.sign} {percent(target.share)}, of at least "
                         f"{target.least} cases." for target in TARGETS)  # fmt: skip
     return reflow(WORDS.format(
         date=table["date"], program=table["program"], seed=table["seed"], targets=targets,

@@ -89,6 +89,11 @@ def clopper_pearson(hits: int, count: int, level: float = LEVEL) -> tuple[float,
     return float(low), float(high)
 
 
+def percent(share: float, digits: int = 0) -> str:
+    """Return a share as text in per cent."""
+    return f"{100.0 * share:.{digits}f} %"
+
+
 def alarm(row: dict) -> bool:
     """Tell whether something is claimed: every outcome but NULL and UNKNOWN."""
     return row["outcome"] not in SILENT
