@@ -34,15 +34,17 @@ from verification.rows import program, read_rows
 STUDY = """
 import sys, time
 from pathlib import Path
-from verification.proof.answers import answer
+from verification.rows import each_row, program
 
-def job(name, store):
-    time.sleep(float(sys.argv[2]) if name == "trial-001" else 0.0)
-    return {"outcome": "NULL", "block": "null", "truth": [], "named": [], "letter": name[-1]}
+path, seconds, name = sys.argv[1:]
 
-answer(Path(sys.argv[1]), sys.argv[3], job=job)
+def job(key):
+    time.sleep(float(seconds) if name == "trial-001" else 0.0)
+    return {"outcome": "NULL", "letter": name[-1]}
+
+each_row(Path(path), [f"{name} {program()}"], job)
 """
-NAMES = [f"trial-{number:03d}" for number in range(4)]
+NAMES = [f"trial-{number:03d}" for number in range(3)]
 LATER = {"load", "date", "machine"}
 
 

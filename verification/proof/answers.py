@@ -119,4 +119,7 @@ def answer_all(
 
 if __name__ == "__main__":
     *again, given, case = sys.argv[1:]
-    answer(Path(given), case, again == ["--again"])
+    try:
+        answer(Path(given), case, again == ["--again"])
+    except PyblastError as error:
+        sys.exit(str(error))

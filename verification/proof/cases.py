@@ -103,10 +103,14 @@ def answered(name: str, store: Path) -> dict:
 
 def as_crash(name: str, error: Exception) -> dict:
     """Return the row of a case whose diagnosis raised an error."""
-    truth = truth_of(name)
-    row = _row_of_folder(truth) if isinstance(truth, bytes) else {"block": "", "truth": []}
-    if isinstance(truth, dict) and "effects" in truth:
+    truth, kind = truth_of(name), name.partition("-")[0]
+    if kind in ("site", "flat"):
+        row = _row_of_folder(truth)
+    elif kind in ("drawn", "trial"):
         row = {"block": truth["block"], "truth": [part["label"] for part in truth["effects"]]}
+    else:
+        label = truth[1] if kind == "mine" else truth["kind"] != "null" and truth["truth"]
+        row = {"block": "single" if label else "null", "truth": [label] if label else []}
     return row | {"outcome": "CRASH", "named": [], "class": [], "error": repr(error)}
 
 
