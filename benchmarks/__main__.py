@@ -23,6 +23,7 @@ from . import (
     edges,
     kernels,
     laws,
+    layer,
     mine,
     page,
     scale,
@@ -47,6 +48,7 @@ PARTS = {
     "case": case,
     "cuts": cuts,
     "single": single,
+    "layer": layer,
     "waves": waves,
     "waits": waits,
 }

@@ -43,7 +43,27 @@ SEVERAL = """## Several machines
 Ensembles run on several machines: `run_all(models, duration, folder=..., executor=...)` takes any
 executor of `concurrent.futures`, so also `dask.distributed.Client(...).get_executor()`. Runs are
 stored in a folder that all workers share, and missing runs are made when the call is repeated. Dask
-is optional; a test kills one of its two workers.
+is optional; tests kill one of two workers, and the bits are those of one machine.
+
+`pyblast backanalyse`, `delays` and `diagnose` take `--dask ADDRESS` for that; a run of one blast
+has nothing to share out, and `superpose` runs no model. On a cluster with a queue, dask-jobqueue
+submits the workers. This script, run on a node that may submit jobs, keeps a scheduler and four
+jobs of eight workers until Ctrl-C, and prints the address; its parameters are those of the queue:
+
+```python
+from threading import Event
+from dask_jobqueue import SLURMCluster
+
+if __name__ == "__main__":
+    cluster = SLURMCluster(queue="normal", cores=8, processes=8, memory="32GB", walltime="08:00:00")
+    cluster.scale(jobs=4)
+    print(cluster.scheduler_address, flush=True)
+    Event().wait()
+```
+
+Workers need the same version of pyblast, and the folder of results by the same path; give them one
+process a core, as above. A job that ends, at its walltime or before, costs the run that it was in,
+which another worker makes again.
 
 One model over several machines is not implemented. It would be partitioned along existing lines:
 domains of 1024 zones follow one another along a curve, so equal runs of domains are compact parts,

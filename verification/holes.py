@@ -221,7 +221,8 @@ def scene_of(fired, motion, rng):
         np.zeros_like(plan), usual_energy(case),
     )  # fmt: skip
     holes = {b.name: seismograms(s) for b, s in zip(fired, own, strict=True)}
-    scene = Scene(SimpleNamespace(runs=0, priced=0.0, shots=case.blasts), baseline, holes)
+    never = SimpleNamespace(runs=0, priced=0.0, executor=None, shots=case.blasts)
+    scene = Scene(never, baseline, holes)
     aside = [
         np.array([
             seismograms(fired_at(spectra(b, omega, PLACES + move) - s, b.times, omega))

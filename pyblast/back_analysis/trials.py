@@ -14,13 +14,13 @@ from pathlib import Path
 import numpy as np
 
 from ..core import BATCH_SIZE
-from ..errors import InputError, ReadError, SolverError
+from ..errors import InputError, LostProcessError, ReadError, SolverError
 from ..files import plain
 from ..inference.misfits import SIGNED, misfit_to
 from ..inference.parameter import Parameter, Problem, problem_of, set_all
 from ..inference.records import Records
 from ..project.project import Project
-from ..runs.parallel import input_hash
+from ..runs.parallel import input_hash, lost_process
 from ..signals.seismogram import Seismogram
 from ..signals.spectra import dominant_frequency
 from ..simulation.simulation import in_batches
@@ -280,9 +280,9 @@ class Trials:
         try:
             return state.result()
         except BrokenProcessPool:
-            raise SolverError(
-                f"a worker was killed; {len(self.log.rows)} evaluations are kept in "
-                f"{self.log.path}; the same command continues them"
+            lost = lost_process(self.executor)
+            raise LostProcessError(
+                f"{lost}; {len(self.log.rows)} evaluations are kept in {self.log.path}"
             ) from None
 
     def _known(self, begin, job):

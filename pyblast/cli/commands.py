@@ -35,6 +35,9 @@ Fresh = Annotated[
     typer.Option("--fresh", help="Start anew instead of going on with an unfinished result."),
 ]
 
+Dask = Annotated[
+    str, typer.Option(help="Address of a dask scheduler whose workers run the models.")
+]
 Verbose = Annotated[
     bool,
     typer.Option("--verbose", help="Show what was read: file, column, unit, factor, losses."),
@@ -379,6 +382,10 @@ def delays(
         Path | None,
         typer.Option(help="Folder for the numbered plans [delays beside the project file]."),
     ] = None,
+    workers: Annotated[
+        int, typer.Option(min=1, help="Processes, for the responses of holes inside.")
+    ] = 1,
+    dask: Dask = "",
     full: Full = False,
     fresh: Fresh = False,
 ):
@@ -391,11 +398,12 @@ def delays(
     with exit_codes():
         loaded = _loaded(project, full, ground=False)
         from ..report.delays import delay_lines
+        from ..runs.parallel import executor_of
         from ..workflows.delays import optimise_delays
 
-        with console.Progress() as progress:
+        with console.Progress() as progress, executor_of(workers, dask) as executor:
             table, folder = optimise_delays(
-                loaded, out, fresh=fresh, progress=progress, say=console.say
+                loaded, out, fresh=fresh, executor=executor, progress=progress, say=console.say
             )
         console.say("\n".join([*delay_lines(table), f"results: {folder}"]))
 
@@ -413,9 +421,7 @@ def backanalyse(
     workers: Annotated[
         int, typer.Option(min=1, help="Processes, for methods that run many models at once.")
     ] = 1,
-    dask: Annotated[
-        str, typer.Option(help="Address of a dask scheduler whose workers run the models.")
-    ] = "",
+    dask: Dask = "",
     full: Full = False,
     fresh: Fresh = False,
     design_survey: Annotated[
@@ -473,6 +479,7 @@ def diagnose_command(
     workers: Annotated[
         int | None, typer.Option(min=1, help="Processes side by side [one for each core].")
     ] = None,
+    dask: Dask = "",
     seed: Annotated[int, typer.Option(min=0, help="Seed of the permuted residuals.")] = 1,
     correct: Annotated[
         bool, typer.Option("--correct", help="Mend mistakes in the records, and go on.")
@@ -503,13 +510,13 @@ def diagnose_command(
                 "--predict: needs --predict-out, --predict-baseline or both, and they need it"
             )
         from ..diagnosis.summary import UNSURE, diagnosis_lines
-        from ..runs.parallel import workers as pool
+        from ..runs.parallel import executor_of
         from ..signals.seismogram import ZeroPhase
         from ..workflows import diagnose as workflow
 
         if predict is not None:
             workflow.check_further(case, predict, [path for path, _ in outputs], out)
-        with console.Progress() as progress, pool(workers) as executor:
+        with console.Progress() as progress, executor_of(workers, dask) as executor:
             result, folder = workflow.diagnose_case(
                 case, out, fresh=fresh, minutes=minutes, seed=seed, correct=correct,
                 executor=executor, progress=progress, say=console.say,

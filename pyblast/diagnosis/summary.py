@@ -22,7 +22,7 @@ from .hypotheses import LIBRARY, blast_and_hole, untestable_labels
 from .mistakes import Mistake
 from .scores import detection_limits
 from .search import Search, means, worst
-from .thresholds import DECISIVE, MATERIAL, RESOLVED
+from .thresholds import DECISIVE, LEAD, MATERIAL, RESOLVED
 from .trusted_shots import explained
 
 UNSURE = "CLASS", "PARTIAL", "UNKNOWN", "MISTAKE"  # outcomes on which a prediction should not rely
@@ -95,7 +95,7 @@ def summarise_diagnosis(
             "low_pass_hz": {name: case.project.survey.shot(name).low_pass for name in case.blasts},
             "excluded_share": round(float(np.mean(~case.valid)), 4),
         },
-        "fails": list(decision.fails),
+        "fails": [*decision.fails, *_better_bodies(before, search, decision)],
         "next_measurement": _next_measurement(search, decision, remainder),
         "calibration": _calibration(baseline, fit),
         "model": {
@@ -121,6 +121,18 @@ def holes_vary(varied: Varied | None) -> dict | None:
 def not_computed(failures: Mapping) -> list[dict]:
     """Return the parts of a diagnosis that failed, with the reason."""
     return [{"part": k, "reason": v} for k, v in failures.items() if isinstance(k, str)]
+
+
+def _better_bodies(before, search, decision):
+    """Return a sentence where a body at one place has more evidence than the answer."""
+    if before is None or not decision.fit.effects:
+        return []
+    evidence = search.delta_ln_evidence(decision.fit)
+    return [
+        f"a change of the ground at {place_in_words(point)} alone has the Δ ln evidence "
+        f"{point['score']:.0f}, the answer {evidence:.0f}"
+        for point in before["points"] if point["score"] > evidence + LEAD
+    ]
 
 
 def not_asked(summary: Mapping) -> dict[str, str]:

@@ -99,7 +99,10 @@ def render_diagnosis(diagnosis: Diagnosed, summary: dict) -> str:
     lists = {"s": summary | {"assumed": [], "files_sha256": {}}, "far": FAR_FROM_PRIOR}
     with contained(failures, "page"):
         return page("diagnosis.html").render(
-            meanings=MEANINGS, place=place_in_words, failures=not_computed(failures), **lists,
+            meanings=MEANINGS,
+            place=place_in_words,
+            failures=not_computed(failures),
+            **lists,
             **parts,
         )
     with contained(failures, "lines"):

@@ -219,9 +219,7 @@ def bank_of(
             "longer zones or fewer receivers"
         )
     tasks = [partial(_of_shot, each, duration, transform, nodes) for each in models]
-    tasks += [
-        partial(_of_force, model, duration, transform, nodes, n) for n in range(len(axes))
-    ]
+    tasks += [partial(_of_force, model, duration, transform, nodes, n) for n in range(len(axes))]
     waiting = tasks if executor is None else [executor.submit(task).result for task in tasks]
     fields = []
     for done, field in enumerate(waiting):

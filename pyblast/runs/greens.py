@@ -3,6 +3,7 @@
 import logging
 from collections.abc import Sequence
 from concurrent.futures import Executor
+from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -24,7 +25,7 @@ from ..solver.loads import ADDERS, Loads
 from ..solver.moment_density import deconvolved
 from ..solver.preparation import Prepared, prepare
 from ..solver.run import simulate
-from .parallel import Cache, input_hash, run_loads
+from .parallel import Cache, input_hash, lost_process, run_loads, shared_folder
 
 PointSource = Hole | Column | MomentTensor | PointForce
 CHARGES = (Hole, Column)
@@ -449,8 +450,12 @@ def _collect(model, duration, side, numbers, folder, executor):
     if executor is None:
         computed = [_run_group(model, duration, side, group, folder) for group in groups]
     else:
-        tasks = [executor.submit(_run_group, model, duration, side, g, folder) for g in groups]
-        computed = [task.result() for task in tasks]
+        shared = shared_folder(folder)
+        tasks = [executor.submit(_run_group, model, duration, side, g, shared) for g in groups]
+        try:
+            computed = [task.result() for task in tasks]
+        except BrokenProcessPool:
+            raise lost_process(executor) from None
     for group, arrays in zip(groups, computed, strict=True):
         results |= dict(zip(group, arrays, strict=True))
     return [results[n] for n in numbers]

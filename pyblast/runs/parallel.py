@@ -12,6 +12,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from multiprocessing import get_context
 from multiprocessing.connection import Connection
+from multiprocessing.synchronize import Event
 from pathlib import Path
 from threading import Thread
 from typing import Any
@@ -251,6 +252,7 @@ def run_all(
     """
     if executor is None:
         return [cached_run(model, duration, folder) for model in models]
+    folder = shared_folder(folder)
     cached = [find_run(model, duration, folder) for model in models]
     missing = [n for n, run in enumerate(cached) if run is None]
     here = _remainder(missing, models, executor)
@@ -262,14 +264,29 @@ def run_all(
         done = {n: future.result() for n, future in waiting.items()}
         done |= {n: cached_run(models[n], duration, folder) for n in here}
     except BrokenProcessPool:
-        raise LostProcessError(
-            "runs: a process was lost, perhaps for lack of memory; the same command "
-            "computes the missing runs"
-        ) from None
+        raise lost_process(executor) from None
     finally:  # cancel pending runs after a failure or Ctrl-C
         for future in waiting.values():
             future.cancel()
     return [done[n] if run is None else run for n, run in enumerate(cached)]
+
+
+def shared_folder(folder: str | Path | None) -> Path | None:
+    """Return a folder by its whole path, which workers that began elsewhere find, too."""
+    return None if folder is None else Path(folder).resolve()
+
+
+def lost_process(executor: Executor) -> LostProcessError:
+    """Return the error of an executor that lost a process, or whose processes never began."""
+    if isinstance(executor, Processes) and not executor.begun.is_set():
+        return LostProcessError(
+            "workers: no process began; each reads the script that starts it, so put its work "
+            'under if __name__ == "__main__":'
+        )
+    return LostProcessError(
+        "runs: a process was lost, perhaps for lack of memory; the same command computes the "
+        "missing runs"
+    )
 
 
 def _remainder(missing, models, executor):
@@ -285,13 +302,13 @@ def _remainder(missing, models, executor):
 
 
 @contextmanager
-def executor_of(count: int = 1, dask: str = "") -> Iterator[Executor | None]:
+def executor_of(count: int | None = 1, dask: str = "") -> Iterator[Executor | None]:
     """Provide an executor: None for one worker, processes, or the workers of a dask scheduler.
 
     Parameters
     ----------
-    count : int
-        Number of processes; not used with dask.
+    count : int, optional
+        Number of processes, None for one per core; not used with dask.
     dask : str
         Address of a scheduler, such as ``tcp://host:8786``.
 
@@ -303,7 +320,7 @@ def executor_of(count: int = 1, dask: str = "") -> Iterator[Executor | None]:
     if dask:
         with _dask_client(dask) as client:
             yield client.get_executor()
-    elif count > 1:
+    elif count != 1:
         with workers(count) as pool:
             yield pool
     else:
@@ -332,7 +349,8 @@ class Processes(ProcessPoolExecutor):
     def __init__(self, count: int) -> None:
         context = get_context("spawn")
         ends_with, self._held = context.Pipe(duplex=False)
-        super().__init__(count, context, _ends_with, (ends_with,))
+        self.begun = context.Event()  # set by the first process that has read its script
+        super().__init__(count, context, _ends_with, (ends_with, self.begun))
         self.count = count
 
     def stop(self) -> None:
@@ -340,8 +358,9 @@ class Processes(ProcessPoolExecutor):
         self._held.close()
 
 
-def _ends_with(pipe: Connection) -> None:
+def _ends_with(pipe: Connection, begun: Event) -> None:
     """Let a process end with a pipe, and leave Ctrl-C to the process that holds its other side."""
+    begun.set()
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 
     def wait():

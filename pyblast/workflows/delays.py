@@ -3,6 +3,7 @@
 import hashlib
 import math
 import shutil
+from concurrent.futures import Executor
 from dataclasses import replace
 from pathlib import Path
 
@@ -38,6 +39,7 @@ def optimise_delays(
     *,
     fresh: bool = False,
     full: bool = False,
+    executor: Executor | None = None,
     progress: Progress | None = None,
     say: Say | None = None,
 ) -> tuple[dict, Path]:
@@ -53,6 +55,8 @@ def optimise_delays(
         Run the responses of the holes anew.
     full : bool
         Take the table ``[full]`` of the project file.
+    executor : Executor, optional
+        As for `run_all`; the result does not depend on it.
     progress : callable, optional
         Called with (stage, done, total).
     say : callable, optional
@@ -88,7 +92,9 @@ def optimise_delays(
     planned = blast.times
     tell("holes", 0, 2)
     fired = [pattern @ ends[1], pattern @ ends[0], planned]
-    spectra, scales, used = _spectra(project, np.array([scatter.reach(t) for t in fired]), out)
+    spectra, scales, used = _spectra(
+        project, np.array([scatter.reach(t) for t in fired]), out, executor
+    )
     tell("delays", 1, 2)
     with named_error(where):
         if table.band_hz is not None:
@@ -173,7 +179,7 @@ def _pattern(project):
 
 
 def _spectra(
-    project: Project, reach: np.ndarray, out: Path
+    project: Project, reach: np.ndarray, out: Path, executor: Executor | None
 ) -> tuple[BlastSpectra, np.ndarray, np.ndarray]:
     """Return the responses of the holes at the houses, their scales, and which holes are used."""
     (table, blast), ends = _settings(project), (float(reach.min()), float(reach.max()))
@@ -195,7 +201,7 @@ def _spectra(
         )
     _refuse_missing_band(project, names)
     model = replace(project.model, receivers=tuple(known[name] for name in names))
-    bank = greens_functions(model, project.duration, folder=out / RUNS)
+    bank = greens_functions(model, project.duration, folder=out / RUNS, executor=executor)
     spectra = blast_spectra(bank, model.sources, earliest=ends[0], latest=ends[1])
     return spectra, np.ones(len(model.sources)), np.flatnonzero(blast.charge)
 
@@ -331,6 +337,16 @@ def _level_errors(project):
     ]  # fmt: skip
 
 
+def _variation(table, plan):
+    """Return how much holes vary, and the width of the 90 % band with and without, of the best.
+
+    The width is the upper over the lower end, the median of the houses.
+    """
+    pairs = {"band_90": plan.after.band(0.9), "band_90_without": plan.alike.band(0.9)}
+    widths = {name: float(np.median(high / low)) for name, (low, high) in pairs.items()}
+    return {"charge_percent": table.charge_percent, **widths}
+
+
 def summarise_delays(project: Project, plan: DelayPlan, pattern: np.ndarray) -> dict:
     """Return the plain numbers of a delay plan; ``pattern`` (n_holes, 2) delays before a hole."""
     (table, blast), gained = _settings(project), plan.gain
@@ -387,6 +403,7 @@ def summarise_delays(project: Project, plan: DelayPlan, pattern: np.ndarray) -> 
             }
             for k, house in enumerate(table.houses)
         ],
+        "variation": _variation(table, plan),
         "tried": plan.best.tried,
         "files_sha256": files,
         "provenance": versions(input_hash("delays", files)),

@@ -393,8 +393,9 @@ def test_a_map_of_the_rock_says_where_or_that_no_place_is_given(points):
     cells = {"x": [10.0, 50.0], "y": [20.0, 20.0], "z": [-5.0, -5.0], "score": [4.0, 60.0]}
     look = summary["located"] | {"points": [point][:points], "cells": cells}
 
-    shown = render_diagnosis(found, summary | {"located": look})
+    shown = render_diagnosis(found, summary | {"located": look, "fails": ["a body says more"]})
 
+    assert "A body says more." in shown
     assert "Where in the rock" in shown
     assert ("on joint J1 (within 12 m)" in shown) == bool(points)
     assert ("No place is given" in shown) != bool(points)

@@ -1,8 +1,12 @@
 """A cached run equals the run; broken or foreign files are ignored; many runs resume."""
 
 import logging
+import os
+import subprocess
+import sys
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -119,6 +123,31 @@ def test_a_pool_gives_the_bits_of_runs_one_by_one_and_resumes(tmp_path):
     assert [one.from_cache for one in together] == [False, True, False]
     assert all(same(*pair) for pair in zip(together, alone, strict=True))
     assert all(one.from_cache for one in run_all(models, DURATION, folder=tmp_path))
+
+
+UNGUARDED = """
+from test_cache import DURATION, small
+from pyblast.errors import LostProcessError
+from pyblast.runs.parallel import run_all, workers
+with workers(2) as pool:
+    try:
+        run_all([small(1.0), small(2.0)], DURATION, executor=pool)
+    except LostProcessError as error:
+        print(error)
+"""
+
+
+def test_a_script_without_its_guard_is_told_so(tmp_path):
+    script = tmp_path / "script.py"
+    script.write_text(UNGUARDED)
+    path = os.pathsep.join([str(Path(__file__).parent), str(Path(__file__).parents[2])])
+
+    done = subprocess.run(
+        [sys.executable, script], env=os.environ | {"PYTHONPATH": path}, capture_output=True,
+        text=True, check=False,
+    )  # fmt: skip
+
+    assert 'put its work under if __name__ == "__main__":' in done.stdout
 
 
 class Counted(ThreadPoolExecutor):

@@ -15,7 +15,7 @@ from pyblast.model.material import ConstantQ, Damping, MohrCoulomb
 from pyblast.model.model import InSitu, Model, Receiver
 from pyblast.model.source import Column, Hole, MomentTensor, PointForce, TimeFunction
 from pyblast.runs.greens import greens_functions
-from pyblast.runs.parallel import workers
+from pyblast.runs.parallel import executor_of, run_all, workers
 from pyblast.signals.seismogram import Seismogram
 from pyblast.solver.run import simulate
 from verification.columns import ROCK, ricker
@@ -143,6 +143,45 @@ def test_a_bank_is_resumed_from_what_is_kept(tmp_path):
     again = greens_functions(model, DURATION, side="source", folder=tmp_path)
     assert [path.stat().st_mtime_ns for path in sorted(tmp_path.iterdir())] == before
     assert np.array_equal(again.response, bank.response)
+
+
+class Killing:
+    """An executor of a dask cluster, one of whose workers is killed after the second task."""
+
+    def __init__(self, executor, cluster):
+        self.executor, self.cluster, self.given = executor, cluster, 0
+
+    def submit(self, *task):
+        future = self.executor.submit(*task)
+        self.given += 1
+        if self.given == 2:
+            next(iter(self.cluster.workers.values())).process.process._process.kill()
+        return future
+
+
+def test_workers_of_dask_give_the_same_bits_though_one_is_killed(tmp_path, monkeypatch):
+    distributed = pytest.importorskip("distributed", reason="needs pip install pyblast[dask]")
+    monkeypatch.chdir(tmp_path)
+    models = [jointed(sources=HOLES[:n]) for n in (1, 2, 3)]
+    alone = greens_functions(jointed(), DURATION, side="source")
+    one_by_one = run_all(models, DURATION)
+
+    with (
+        distributed.LocalCluster(
+            n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None
+        ) as cluster,
+        executor_of(dask=cluster.scheduler_address) as executor,
+    ):
+        killing = Killing(executor, cluster)
+        bank = greens_functions(jointed(), DURATION, side="source", folder="runs", executor=killing)
+        together = run_all(models, DURATION, folder="runs", executor=killing)
+
+    assert killing.given >= 4
+    assert np.array_equal(bank.response, alone.response)
+    for found, wanted in zip(together, one_by_one, strict=True):
+        for name, motion in wanted.seismograms.items():
+            assert np.array_equal(found.seismograms[name].velocity, motion.velocity)
+    assert len(list((tmp_path / "runs").iterdir())) == 5 + 3
 
 
 SHAKEN = Seismogram(0.01 * ricker(TIMES, 50.0)[:, None] * [0.8, 0.5, -0.3], TIMES[1])

@@ -188,3 +188,18 @@ def test_a_radius_of_nothing_is_refused():
         Hole(np.zeros(3), 1.0, 0.0, RATE, spread=0.0)
     with pytest.raises(InputError, match=r"moment tensor\.spread: must be positive"):
         MomentTensor(np.zeros(3), np.eye(3), 0.0, RATE, -2.0)
+
+
+def test_models_that_share_a_mesh_average_over_the_sphere_of_a_hole_once(monkeypatch):
+    mesh = structured_box((4, 4, 4), (40.0, 40.0, 40.0))
+    hole = Hole(np.array([18.0, 21.0, 22.0]), 5.0, 0.0, RATE)
+    models = [Model(mesh, {"rock": rock}, sources=[hole])
+              for rock in (ROCK, replace(ROCK, density=2000.0))]  # fmt: skip
+    first = model_loads(models[0], {}.get).arrays(DT * np.arange(4))
+    monkeypatch.setattr("pyblast.solver.moment_density._average", None)
+
+    again, other = (model_loads(m, {}.get).arrays(DT * np.arange(4)) for m in models)
+
+    for name, wanted in first.items():
+        np.testing.assert_array_equal(again[name], wanted)
+    assert other.keys() == first.keys()
