@@ -53,7 +53,7 @@ def each_row(
     """
     ends = float("inf") if minutes is None else time.monotonic() + 60.0 * minutes
     failed = []
-    with _ended_by_sigterm():
+    with ended_by_sigterm():
         for name in names:
             if not again and name in read_rows(path):
                 continue
@@ -142,7 +142,7 @@ def _store(path, name, row):
 
 
 @contextmanager
-def _ended_by_sigterm():
+def ended_by_sigterm():
     """Let SIGTERM raise SystemExit, so that pools and temporary folders are cleared away."""
     before = signal.signal(signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM))
     try:
