@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -109,6 +109,7 @@ def damage(p: Pattern) -> np.ndarray:
     return 0.5 * share.sum(axis=1)[:, None]
 
 
+@lru_cache(maxsize=32)  # seconds for hundreds of holes
 def broken_ground(p: Pattern) -> np.ndarray:
     """Return the m of ground that earlier holes broke on each way, (n_holes, n_receivers)."""
     out = np.zeros((len(p.places), len(p.receivers)))
@@ -125,6 +126,7 @@ def broken_ground(p: Pattern) -> np.ndarray:
         near = np.linalg.norm(points[:, :, None] - fired, axis=-1).min(axis=-1)
         inside = (near < 0.5 * p.burden) & (along < length[:, None])
         out[h] = ALONG[1] * np.sum(inside, axis=1)
+    out.setflags(write=False)
     return out
 
 
