@@ -142,7 +142,7 @@ def measured(name):
         "energy_percent": float(f"{100 * np.sum(change**2) / recorded_energy:.3g}"),
         "rank_percent": round(float(100 * above / rock.sizes.sum()), 2),
         "away_m": round(float(away[found.best]), 1),
-        "within_m": round(max(found.within, reach, 0.87 * rock.sizes[found.best] ** (1 / 3)), 1),
+        "within_m": round(found.within(reach), 1),
         "score": round(found.score, 1),
         "cs_percent": round(100.0 * float(np.expm1(found.strength[found.best, 1])), 1),
     }  # fmt: skip

@@ -29,7 +29,6 @@ UNSURE = "CLASS", "PARTIAL", "UNKNOWN", "MISTAKE"  # outcomes on which a predict
 WINDOW = 0.8  # share of the energy of a residual that lies in its windows
 IN_ROCK, ON_JOINT = 0.3, 1.0  # prior standard deviations of logarithms, in rock and on joints
 PROPERTIES = ("cp", "cs", "density")
-HALF_DIAGONAL = 0.87  # of a cube, over its edge
 ELSEWHERE = ("candidate", "side", "source_function")  # of lists, bodies and hammers
 IMPOSSIBLE = "it is impossible at this site, or changes no record"
 LOCATION = "location of the residual"  # a part of a diagnosis that may fail
@@ -593,12 +592,11 @@ def points_of(search: Search, fit: Fit) -> tuple[list[dict], dict | None]:
     share = body.volume / rock.sizes.sum()
     if body.score < scores.threshold or share > RESOLVED:
         return [], cells
-    reach = max(reach, HALF_DIAGONAL * rock.sizes[body.best] ** (1.0 / 3.0))
-    position, within, on = rock.centres[body.best], max(body.within, reach), None
+    position, within, on = rock.centres[body.best], body.within(reach), None
     patch = located(error, joints, residual, ON_JOINT) if len(joints.sizes) else None
     if patch is not None and patch.log_bayes.max() > body.log_bayes.max():
         position, on = joints.centres[patch.best], joints.names[patch.best]
-        within = max(patch.within, reach)
+        within = patch.within(reach)
     x, y, z, *further = (_rounded(v, 1e3, 3) for v in (*position, within, body.volume))
     change = dict(zip(PROPERTIES, np.round(body.strength[body.best], 3).tolist(), strict=True))
     return [

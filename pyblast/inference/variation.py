@@ -13,7 +13,7 @@ from .records import Band
 COHERENT = 15.0  # m between charges, over which their paths vary together
 ROUNDS = 3  # of linearisation
 LOST = 1e-3  # of the energy of the columns of a blast that fewer columns leave out
-WIDE = 4.0  # levels: what is further off, as a misfire, does not vary
+WIDE = 3.0  # levels: a charge that is further off, as a misfire, stays as it was planned
 FINE = 9  # levels around the most probable one
 SMALL = (0.0, 0.01, 0.02, 0.04, 0.07, 0.1)  # levels where none is the most probable
 
@@ -281,8 +281,8 @@ def _filters(own, charges, whole, at, factors, weighted):
         free = at.holes**2 * np.einsum("rkf,rf->rk", own.to_paths[b], weighted[b])
         free = free.reshape(len(free), -1, 5)
         of_paths = np.einsum("hg,rgk->hrk", _coherence(each.places), free)
-        most = WIDE * at.holes
-        filters[b] = Filters(*(np.clip(x, -most, most) for x in (of_charges, of_paths)))
+        alike = np.abs(of_charges[:, :1]) < WIDE * at.holes
+        filters[b] = Filters(alike * of_charges, alike[..., None] * of_paths)
     return filters
 
 

@@ -16,7 +16,7 @@ from .ground_fields import GroundField
 from .joint import Joint
 from .material import Branch, Damping, Material, ZoneLaw
 from .source import Column, Hole, MomentTensor, PointForce, Source
-from .thin_layers import carried_by_thin_layers, clearance
+from .thin_layers import carried_by_thin_layers, nearest_receiver
 
 HEX_NODES = 5.0  # of hexahedra per S wavelength, for an error of about one per cent
 
@@ -412,7 +412,7 @@ class Model:
                 starts.append(source.position)
             else:
                 return 0.0
-        return clearance(starts, [receiver.position for receiver in self.receivers])
+        return nearest_receiver(starts, [receiver.position for receiver in self.receivers])
 
     def doubles(self, boundary: StressInput) -> bool:
         """Return whether a stress input is doubled: as given, or if the surface is viscous."""

@@ -57,7 +57,7 @@ def reach_of_trapped_waves(thickness: float, grounds: list[Material]) -> float:
     return DECAYS * 4.0 * quality * thickness / np.pi
 
 
-def clearance(sources: list[np.ndarray], receivers: list[np.ndarray]) -> float:
+def nearest_receiver(sources: list[np.ndarray], receivers: list[np.ndarray]) -> float:
     """Return the least horizontal distance in m of sources and receivers, zero without either."""
     if not len(sources) or not len(receivers):
         return 0.0

@@ -14,7 +14,7 @@ from ..mesh.hexahedra import face_nodes, face_shapes, face_slopes
 from ..mesh.mesh import Mesh, locate_in_zones, surface_faces, surface_zones
 from ..model.model import Model, Receiver, SpongeLayer
 from ..model.source import AirBlast, Column, Hole, MomentTensor, PointForce, Pressure, TimeFunction
-from ..model.thin_layers import clearance
+from ..model.thin_layers import nearest_receiver
 from ..solver.injection import near_receivers
 from ..solver.moment_density import near_sources
 from ..sources.shot import Shot
@@ -247,7 +247,7 @@ def clearance_of(project, positions) -> float:
         return 0.0
     received = {name for name in positions if name.startswith("receivers.")}
     starts = [at for name, at in positions.items() if name not in received]
-    return clearance(starts, [positions[name] for name in received])
+    return nearest_receiver(starts, [positions[name] for name in received])
 
 
 def radiating_positions(project) -> np.ndarray:
