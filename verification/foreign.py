@@ -148,7 +148,9 @@ def _misfit(recorded, predicted, file):
     project = load_project(file)
     misfits = []
     for name in there.keys() & here.keys():
-        record = there[name].filtered_like(project.shot.low_pass).seismogram
+        raw = there[name].seismogram
+        passed = raw.filtered_like(project.shot.low_pass)  # earlier by its delay
+        record = passed.sampled(raw.start, raw.dt, len(raw.velocity))
         band = band_functions(len(record.velocity), record.dt, project.config.band_hz)
         data, model = (v.T @ band.basis for v in (record.velocity, here[name].seismogram.velocity))
         misfits.append(np.sum((data - model) ** 2) / np.sum(data**2))
