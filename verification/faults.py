@@ -131,7 +131,10 @@ COMMANDS = {
     "run": (["--accept-findings"], "results", "result.h5", ""),
     "backanalyse": (["--workers", "2"], "back_analysis", "back_analysis.json", SEARCH),
     "diagnose": (
-        ["--minutes", "0", "--workers", "2"], "diagnosis", "diagnosis.json", "[diagnosis]"
+        ["--minutes", "0", "--workers", "2"],
+        "diagnosis",
+        "diagnosis.json",
+        "[diagnosis]",
     ),
     "delays": ([], "delays", "delays.json", DELAYS),
 }

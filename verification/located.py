@@ -117,8 +117,12 @@ def drawn(name):
     if kind != "damaged":
         return kind, place, Body(tuple(place), CHANGES[kind], rng.uniform(8.0, 15.0))
     along = np.array([rng.uniform(-15.0, 15.0), rng.uniform(-15.0, 15.0), 5.0])
-    return kind, place, DamagedZone(
-        np.array([[place - along, place + along]]), CHANGES[kind], rng.uniform(6.0, 10.0)
+    return (
+        kind,
+        place,
+        DamagedZone(
+            np.array([[place - along, place + along]]), CHANGES[kind], rng.uniform(6.0, 10.0)
+        ),
     )
 
 

@@ -192,6 +192,16 @@ class Scene:
         """What holes send beyond their plan, (n_blasts, n_receivers, 3, n_samples) m/s."""
         return 0.0 if self.varied is None else self.varied.around.change
 
+    def radiated(self, name: str) -> np.ndarray:
+        """Return the share of its planned motion that each hole of a blast radiates, (n_holes,).
+
+        By its learned variation, at all receivers together.
+        """
+        planned, at = self.holes[name], self.case.blasts.index(name)
+        varied = planned if self.varied is None else self.varied.around.charges.get(at, planned)
+        alike, energy = (np.einsum("hrct,hrct->h", planned, each) for each in (varied, planned))
+        return np.where(energy > 0.0, alike / np.where(energy > 0.0, energy, 1.0), 1.0)
+
     @cached_property
     def error(self) -> ErrorModel:
         """Learned error of the prediction of the calibrated site, but for what is calibrated."""

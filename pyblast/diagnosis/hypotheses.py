@@ -188,9 +188,7 @@ def pulse_known(case: Case) -> str:
 def patterns_of(case: Case) -> tuple[Pattern, ...]:
     """Return the pattern of each blast of a case, in their order; asked once a case."""
     if case not in _PATTERNS:
-        _PATTERNS[case] = tuple(
-            pattern_of(case, case.project.blasts[name]) for name in case.blasts
-        )
+        _PATTERNS[case] = tuple(pattern_of(case, case.project.blasts[name]) for name in case.blasts)
     return _PATTERNS[case]
 
 

@@ -69,7 +69,7 @@ def summarise_diagnosis(
         "outcome": decision.outcome,
         "mistakes": [mistake.row() for mistake in mistakes],
         "effects": _effects(decision, case),
-        "suspected_misfires": suspected_misfires(decision, case),
+        "suspected_misfires": suspected_misfires(decision, scene),
         "holes_vary": holes_vary(scene.varied and scene.varied.level),
         "class": list(decision.rivals) if len(decision.rivals) > 1 else [],
         "not_testable": _not_testable(search),
@@ -130,7 +130,8 @@ def _better_bodies(before, search, decision):
     return [
         f"a change of the ground at {place_in_words(point)} alone has the Δ ln evidence "
         f"{point['score']:.0f}, the answer {evidence:.0f}"
-        for point in before["points"] if point["score"] > evidence + LEAD
+        for point in before["points"]
+        if point["score"] > evidence + LEAD
     ]
 
 
@@ -190,9 +191,7 @@ def diagnosis_lines(summary: Mapping) -> list[str]:
     lines += [f"  {act}" for act in acts(summary)]
     located = summary[residual_shown(summary)]
     if located is not None:
-        lines += [
-            f"  most like a change at {place_in_words(each)}" for each in located["points"]
-        ]
+        lines += [f"  most like a change at {place_in_words(each)}" for each in located["points"]]
     for effect in summary["effects"]:
         targets = effect["target"] if isinstance(effect["target"], list) else [effect["target"]]
         where = f" at {', '.join(targets)}" if any(targets) else ""
@@ -280,19 +279,19 @@ def _ranking(search):
     ]  # fmt: skip
 
 
-def suspected_misfires(decision: Decision, case: Case) -> list[dict]:
+def suspected_misfires(decision: Decision, scene: Scene) -> list[dict]:
     """Return the holes that may hold unfired explosive, by the best effects, accepted or not.
 
     Parameters
     ----------
     decision : Decision
-    case : Case
+    scene : Scene
 
     Returns
     -------
     list of dict
-        ``blast``, ``hole``, ``radiated``: share of what its charge should radiate, below
-        `SILENT`, with ``low`` and ``high``, its 90 % interval.
+        ``blast``, ``hole``, ``radiated``: share of what its charge should radiate, that by its
+        variation included, below `SILENT`, with ``low`` and ``high``, its 90 % interval.
     """
     fit = decision.best if decision.best is not None and not decision.fit.effects else decision.fit
     rows = []
@@ -301,17 +300,18 @@ def suspected_misfires(decision: Decision, case: Case) -> list[dict]:
             continue
         blast, hole = blast_and_hole(effect.target)
         (scales,) = table.values()
-        if isinstance(scales, list):
-            ids = case.project.blasts[blast].hole_ids
-        elif hole:
-            ids, scales = (hole,), [scales]
-        else:  # the whole blast by one factor
+        if not hole and not isinstance(scales, list):  # the whole blast by one factor
             continue
-        rows += [
-            {"blast": blast, "hole": name,
-             "radiated": scale["value"], "low": scale["low"], "high": scale["high"]}
-            for name, scale in zip(ids, scales, strict=True) if scale["value"] < SILENT
-        ]  # fmt: skip
+        ids = scene.case.project.blasts[blast].hole_ids
+        share = dict(zip(ids, scene.radiated(blast), strict=True))
+        if hole:
+            ids, scales = (hole,), [scales]
+        for name, scale in zip(ids, scales, strict=True):
+            value, low, high = (scale[key] * share[name] for key in ("value", "low", "high"))
+            if value < SILENT:
+                rows.append(
+                    {"blast": blast, "hole": name, "radiated": value, "low": low, "high": high}
+                )
     return rows
 
 
@@ -423,7 +423,7 @@ def _next_measurement(search, decision, remainder):
 
     Where no effect needs a measurement, the remainder decides.
     """
-    silent = suspected_misfires(decision, search.scene.case)
+    silent = suspected_misfires(decision, search.scene)
     if silent and decision.outcome != "MISTAKE":
         return (
             f"keep people and machines off {holes_in_words(silent)}, which may hold unfired "

@@ -16,7 +16,7 @@ from pyblast.diagnosis.decision import Decision, decide
 from pyblast.diagnosis.effects import Effect
 from pyblast.diagnosis.fitting import fit
 from pyblast.diagnosis.search import Search
-from pyblast.diagnosis.summary import diagnosis_lines, summarise_diagnosis
+from pyblast.diagnosis.summary import diagnosis_lines, summarise_diagnosis, suspected_misfires
 from pyblast.diagnosis.thresholds import DECISIVE, REMAINS
 from pyblast.report.diagnosis import (
     claims,
@@ -130,10 +130,10 @@ def test_effects_with_a_value_for_each_hole_are_drawn_hole_by_hole():
     assert "delay_scatter: delays of blast B1" in figures("CLASS")
 
 
-def test_a_suspected_misfire_is_named_by_its_hole_first_and_the_step_is_to_keep_off():
+def with_scales(parts):
+    """Return a diagnosis and its decision, of scales of three holes."""
     found, _ = made("NAMED")
     before = found.decision.fit
-    parts = np.array([0.1, 0.9, 1.2])
     holes = Effect("misfire_or_charge_error/holes", "B1", (tuple(parts),))
     (scales,) = holes.hypothesis.parameters
     uncertain = np.diag([0.0] * len(before.values) + [(0.05 / scales.sigma) ** 2] * 3)
@@ -142,7 +142,28 @@ def test_a_suspected_misfire_is_named_by_its_hole_first_and_the_step_is_to_keep_
     silent = replace(
         before, effects=(holes,), state=state, posterior=posterior, alternatives=()
     )  # fmt: skip
-    decision = replace(found.decision, fit=silent, best=silent)
+    return found, replace(found.decision, fit=silent, best=silent)
+
+
+def test_what_a_hole_radiates_is_its_scale_times_its_learned_variation():
+    found, decision = with_scales(np.array([0.7, 0.9, 1.2]))
+    scene, factors = replace(found.scene), np.array([0.6, 0.9, 1.1])
+    motion = np.random.default_rng(1).normal(size=(3, *scene.holes["B1"].shape[1:]))
+    scene.holes = scene.holes | {"B1": motion}
+    at = scene.case.blasts.index("B1")
+    around = SimpleNamespace(charges={at: factors[:, None, None, None] * motion})
+    assert suspected_misfires(decision, scene) == []
+
+    vars(scene)["varied"] = SimpleNamespace(around=around)
+
+    assert scene.radiated("B1") == pytest.approx(factors)
+    (row,) = suspected_misfires(decision, scene)
+    assert row["hole"] == scene.case.project.blasts["B1"].hole_ids[0]
+    assert row["radiated"] == pytest.approx(0.7 * 0.6, abs=0.01)
+
+
+def test_a_suspected_misfire_is_named_by_its_hole_first_and_the_step_is_to_keep_off():
+    found, decision = with_scales(np.array([0.1, 0.9, 1.2]))
     first, second, _ = found.scene.case.project.blasts["B1"].hole_ids
 
     summary = summarise_diagnosis(found.search, decision) | NOTES | {"corrected": False}
