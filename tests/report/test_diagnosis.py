@@ -181,6 +181,17 @@ def test_a_suspected_misfire_is_named_by_its_hole_first_and_the_step_is_to_keep_
     assert f"  suspected misfires: {named}" in diagnosis_lines(summary)
 
 
+def test_a_null_of_an_unfinished_search_does_not_say_that_nothing_is_missing():
+    found, summary = made("NULL")
+    summary = summary | {"evidence": summary["evidence"] | {"scores": [{}]}}
+    assert lead(found, summary).startswith("Nothing is missing")
+
+    words = lead(found, summary | {"finished": False})
+
+    assert "Nothing is missing" not in words
+    assert "the effects that the budget sufficed for" in words
+
+
 def test_a_class_names_its_members_as_not_told_apart():
     words = text("CLASS")
 
