@@ -183,8 +183,9 @@ def _answer(diagnosis, summary):
             which = f"every effect but {joined_by_and(list(not_asked(summary)))} was scored"
         if not summary["finished"]:
             return (
-                "None of the effects that the budget sufficed for is above what the error explains; "
-                "more minutes may still show another. What would have been detected is listed below."
+                "None of the effects that the budget sufficed for is above what the error "
+                "explains; more minutes may still show another. What would have been detected is "
+                "listed below."
             )
         return (
             f"Nothing is missing that these records could show: {which}, and none is above what "
