@@ -29,7 +29,6 @@ from pyblast.diagnosis.effects import Scene
 from pyblast.diagnosis.error import usual_energy
 from pyblast.diagnosis.hypotheses import LIBRARY
 from pyblast.diagnosis.search import search
-from pyblast.files import write_text
 from pyblast.inference.records import band_functions, noise_of
 from pyblast.model.model import Receiver
 from pyblast.model.source import TimeFunction
@@ -37,7 +36,7 @@ from pyblast.project.project import make_project
 from pyblast.sources.inside import Inside
 from pyblast.survey import Survey
 
-from .rows import each_row, options, read_rows
+from .rows import study
 
 OUT = Path(__file__).with_suffix(".json")
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "quality" / "diagnosis.md"
@@ -306,16 +305,7 @@ def table(rows):
 
 def main(arguments):
     """Measure rows and write them and the table."""
-    arguments, limits = options(arguments)
-    names = [a for a in arguments if a != "--page"]
-    for name in names:
-        if name not in ALL:
-            sys.exit(f"holes: no row {name!r}; there are {'; '.join(ALL)}")
-    only_page = "--page" in arguments
-    rows = read_rows(OUT) if only_page else each_row(OUT, names or ALL, measured, **limits)
-    before, rest = PAGE.read_text(encoding="utf-8").split(BEGIN)
-    page = f"{before}{BEGIN}\n\n" + "\n".join(table(rows)) + f"\n\n{END}" + rest.split(END)[1]
-    write_text(PAGE, page)
+    study(arguments, ALL, measured, table, OUT, PAGE, (BEGIN, END))
 
 
 if __name__ == "__main__":

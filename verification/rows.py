@@ -16,6 +16,8 @@ from benchmarks.timing import stamp
 from pyblast.errors import PyblastError
 from pyblast.files import write_text
 
+from .markdown import between
+
 ROOT = Path(__file__).resolve().parents[1]
 Rows = dict[str, dict[str, Any]]
 
@@ -119,6 +121,39 @@ def draws(
     if "--seed" in others:
         seed = numbers.pop(others.index("--seed"))
     return seed, numbers[0] if numbers else count, {"minutes": minutes} | limits
+
+
+def study(
+    arguments: list[str],
+    names: Iterable[str],
+    measured: Callable[[str], dict[str, Any]],
+    table: Callable[[Rows], list[str]],
+    out: Path,
+    page: Path,
+    marks: tuple[str, str],
+) -> None:
+    """Measure the rows of a study, ``[NAME ...] [--page] [--again] [--minutes N]``, and its table.
+
+    Parameters
+    ----------
+    arguments : list of str
+        Names of rows, all by default; ``--page``: only the table, of the rows that are there.
+    names : iterable of str
+    measured, table : callable
+        The row of a name, and the lines of all rows.
+    out, page : Path
+        Of the rows, and of the page that holds the table.
+    marks : tuple of 2 str
+        Lines of the page before and after the table.
+    """
+    chosen, limits = options(arguments)
+    chosen, known = [word for word in chosen if word != "--page"], list(names)
+    for name in chosen:
+        if name not in known:
+            sys.exit(f"{out.stem}: no row {name!r}; there are {'; '.join(known)}")
+    only_page = "--page" in arguments
+    rows = read_rows(out) if only_page else each_row(out, chosen or known, measured, **limits)
+    write_text(page, between(page.read_text(encoding="utf-8"), marks, table(rows)))
 
 
 @cache

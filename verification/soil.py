@@ -17,11 +17,10 @@ from pathlib import Path
 
 import numpy as np
 
-from pyblast.files import write_text
 from pyblast.project.checks_ground import summarise_model
 from pyblast.project.project import Project
 
-from .rows import each_row, options, read_rows
+from .rows import study
 from .solutions.full_space import Bell
 from .solutions.layered_half_space import Bed, strike_slip_motion
 
@@ -167,16 +166,7 @@ def table(rows):
 
 def main(arguments):
     """Measure rows and write them and the table."""
-    arguments, limits = options(arguments)
-    names = [a for a in arguments if a != "--page"]
-    for name in names:
-        if name not in GROUNDS:
-            sys.exit(f"soil: no row {name!r}; there are {'; '.join(GROUNDS)}")
-    only_page = "--page" in arguments
-    rows = read_rows(OUT) if only_page else each_row(OUT, names or GROUNDS, measured, **limits)
-    before, rest = PAGE.read_text(encoding="utf-8").split(BEGIN)
-    page = f"{before}{BEGIN}\n\n" + "\n".join(table(rows)) + f"\n\n{END}" + rest.split(END)[1]
-    write_text(PAGE, page)
+    study(arguments, GROUNDS, measured, table, OUT, PAGE, (BEGIN, END))
 
 
 if __name__ == "__main__":
