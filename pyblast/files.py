@@ -5,7 +5,8 @@ import json
 import os
 import platform
 import sys
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from functools import cache, lru_cache
 from importlib import metadata
 from pathlib import Path
@@ -40,16 +41,31 @@ def write_bytes(path, content):
         os.fsencode(path)
     except UnicodeEncodeError:
         path = path.with_name(path.name.encode("ascii", "replace").decode().replace("?", "_"))
+    with replacing(path) as beside, beside.open("wb") as file:
+        file.write(content)
+        file.flush()
+        os.fsync(file.fileno())
+
+
+@contextmanager
+def replacing(path: Path) -> Iterator[Path]:
+    """Give a temporary path beside a file, which replaces it at the end, whole or not at all.
+
+    A folder that is gone is made again.
+
+    Raises
+    ------
+    ReadError
+        If the file can't be written.
+    """
     beside = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        with beside.open("wb") as file:
-            file.write(content)
-            file.flush()
-            os.fsync(file.fileno())
+        yield beside
         beside.replace(path)
     except OSError as error:
-        raise ReadError(f"{path}: can't be written ({error.strerror or error})") from None
+        reason = os.strerror(error.errno) if error.errno else error  # that of HDF5 is a paragraph
+        raise ReadError(f"{path}: can't be written ({reason})") from None
     finally:
         with suppress(OSError):
             beside.unlink()

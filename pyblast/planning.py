@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -390,6 +390,8 @@ class DelayPlan:
     best : BestDelays
     gain : Gain
         Of the largest peak over its limit.
+    alike : DrawnPeaks
+        Of the best times, if all holes radiated as their charge says.
     """
 
     limits: np.ndarray
@@ -397,6 +399,7 @@ class DelayPlan:
     after: DrawnPeaks
     best: BestDelays
     gain: Gain
+    alike: DrawnPeaks
 
 
 def plan_delays(
@@ -446,4 +449,5 @@ def plan_delays(
     gained = gain_of_plan(
         spectra, planned, best.times, scatter, limits=limits, share=share, **fresh
     )
-    return DelayPlan(np.asarray(limits, dtype=float), before, after, best, gained)
+    alike = peak_bands(spectra, best.times, replace(scatter, charge=0.0), **fresh)
+    return DelayPlan(np.asarray(limits, dtype=float), before, after, best, gained, alike)

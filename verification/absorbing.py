@@ -36,6 +36,7 @@ from pyblast.model.source import PointForce, TimeFunction
 from pyblast.solver.preparation import prepare
 from pyblast.solver.run import simulate
 
+from .markdown import between
 from .rows import each_row, options, read_rows
 
 OUT = Path(__file__).with_suffix(".json")
@@ -241,8 +242,7 @@ def measured(name):
 
 def paged(page, rows):
     """Return the page with the tables of some rows."""
-    before, rest = page.split(BEGIN)
-    return f"{before}{BEGIN}\n\n" + "\n".join(table(rows)) + f"\n\n{END}" + rest.split(END)[1]
+    return between(page, (BEGIN, END), table(rows))
 
 
 def main(arguments):

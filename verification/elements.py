@@ -30,6 +30,7 @@ from pyblast.model.model import Model, Receiver
 from pyblast.model.source import PointForce, TimeFunction
 from pyblast.solver.run import simulate
 
+from .markdown import between
 from .rows import each_row, options, read_rows
 
 OUT = Path(__file__).with_suffix(".json")
@@ -162,8 +163,7 @@ def table(rows):
 
 def paged(page, rows):
     """Return the page with the table of some rows."""
-    before, rest = page.split(BEGIN)
-    return f"{before}{BEGIN}\n\n" + "\n".join(table(rows)) + f"\n\n{END}" + rest.split(END)[1]
+    return between(page, (BEGIN, END), table(rows))
 
 
 def main(arguments):

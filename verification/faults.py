@@ -130,7 +130,12 @@ limit_mm_per_s = 5
 COMMANDS = {
     "run": (["--accept-findings"], "results", "result.h5", ""),
     "backanalyse": (["--workers", "2"], "back_analysis", "back_analysis.json", SEARCH),
-    "diagnose": (["--minutes", "0", "--workers", "2"], "diagnosis", "diagnosis.json", "[diagnosis]"),
+    "diagnose": (
+        ["--minutes", "0", "--workers", "2"],
+        "diagnosis",
+        "diagnosis.json",
+        "[diagnosis]",
+    ),
     "delays": ([], "delays", "delays.json", DELAYS),
 }
 # What depends on when and how often a command was run.

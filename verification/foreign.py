@@ -148,7 +148,9 @@ def _misfit(recorded, predicted, file):
     project = load_project(file)
     misfits = []
     for name in there.keys() & here.keys():
-        record = there[name].filtered_like(project.shot.low_pass).seismogram
+        raw = there[name].seismogram
+        passed = raw.filtered_like(project.shot.low_pass)  # earlier by its delay
+        record = passed.sampled(raw.start, raw.dt, len(raw.velocity))
         band = band_functions(len(record.velocity), record.dt, project.config.band_hz)
         data, model = (v.T @ band.basis for v in (record.velocity, here[name].seismogram.velocity))
         misfits.append(np.sum((data - model) ** 2) / np.sum(data**2))
@@ -207,9 +209,11 @@ def main(arguments):
     with tempfile.TemporaryDirectory() as temporary, pool as executor:
         kept = keep or Path(temporary)
         known = read_rows(out)
-        rows = each_row(
-            out, names, lambda name: judged(cases, name, kept, executor, known.get(name, {})), **limits
-        )
+
+        def job(name):
+            return judged(cases, name, kept, executor, known.get(name, {}))
+
+        rows = each_row(out, names, job, **limits)
     _write_page(study, rows)
 
 

@@ -28,6 +28,7 @@ from pyblast.project.project import make_project
 from pyblast.solver.injection import near_receivers
 from pyblast.solver.run import simulate
 
+from .markdown import between
 from .rows import draws, each_row, read_rows
 
 OUT = Path(__file__).with_suffix(".json")
@@ -547,8 +548,7 @@ def table(found: dict) -> list[str]:
 
 def paged(page: str, found: dict) -> str:
     """Return the page with the table of a summary."""
-    before, rest = page.split(BEGIN)
-    return f"{before}{BEGIN}\n\n" + "\n".join(table(found)) + f"\n\n{END}" + rest.split(END)[1]
+    return between(page, (BEGIN, END), table(found))
 
 
 def main(arguments: list[str]) -> None:

@@ -20,7 +20,6 @@ from pyblast.config.config import check_config
 from pyblast.diagnosis.case import case_of
 from pyblast.diagnosis.forward import quarter_wave, simulation_of
 from pyblast.diagnosis.scores import SiteScores
-from pyblast.files import write_text
 from pyblast.inference.location import located
 from pyblast.model.ground_fields import Body, DamagedZone
 from pyblast.model.model import Receiver
@@ -32,7 +31,7 @@ from pyblast.sources.inside import Inside
 from pyblast.survey import Survey
 from pyblast.workflows.diagnose import prepared
 
-from .rows import each_row, options, read_rows
+from .rows import study
 
 OUT = Path(__file__).with_suffix(".json")
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "quality" / "diagnosis.md"
@@ -117,8 +116,12 @@ def drawn(name):
     if kind != "damaged":
         return kind, place, Body(tuple(place), CHANGES[kind], rng.uniform(8.0, 15.0))
     along = np.array([rng.uniform(-15.0, 15.0), rng.uniform(-15.0, 15.0), 5.0])
-    return kind, place, DamagedZone(
-        np.array([[place - along, place + along]]), CHANGES[kind], rng.uniform(6.0, 10.0)
+    return (
+        kind,
+        place,
+        DamagedZone(
+            np.array([[place - along, place + along]]), CHANGES[kind], rng.uniform(6.0, 10.0)
+        ),
     )
 
 
@@ -142,7 +145,7 @@ def measured(name):
         "energy_percent": float(f"{100 * np.sum(change**2) / recorded_energy:.3g}"),
         "rank_percent": round(float(100 * above / rock.sizes.sum()), 2),
         "away_m": round(float(away[found.best]), 1),
-        "within_m": round(max(found.within, reach, 0.87 * rock.sizes[found.best] ** (1 / 3)), 1),
+        "within_m": round(found.within(reach), 1),
         "score": round(found.score, 1),
         "cs_percent": round(100.0 * float(np.expm1(found.strength[found.best, 1])), 1),
     }  # fmt: skip
@@ -172,16 +175,7 @@ def table(rows):
 
 def main(arguments):
     """Measure rows and write them and the table."""
-    arguments, limits = options(arguments)
-    names = [a for a in arguments if a != "--page"]
-    for name in names:
-        if name not in ROWS:
-            sys.exit(f"located: no row {name!r}; there are {'; '.join(ROWS)}")
-    only_page = "--page" in arguments
-    rows = read_rows(OUT) if only_page else each_row(OUT, names or ROWS, measured, **limits)
-    before, rest = PAGE.read_text(encoding="utf-8").split(BEGIN)
-    page = f"{before}{BEGIN}\n\n" + "\n".join(table(rows)) + f"\n\n{END}" + rest.split(END)[1]
-    write_text(PAGE, page)
+    study(arguments, ROWS, measured, table, OUT, PAGE, (BEGIN, END))
 
 
 if __name__ == "__main__":

@@ -8,6 +8,7 @@ Paragraphs and list items are wrapped; tables, code, headings, pictures and comm
 import re
 import sys
 import textwrap
+from collections.abc import Iterable
 from pathlib import Path
 
 WIDTH = 110
@@ -15,6 +16,13 @@ ITEM = re.compile(r"^( *)([-*+]|\d+[.)])( +)(?=\S)")
 MARKER = re.compile(r"([-+*=>]|#+|\d+[.)]|\|.*)$")  # begins a list, heading or table in a new line
 VERBATIM = re.compile(r"\s*(\||#|!\[|<!--|:::|\[\^)")
 GLUE = "\x00"
+
+
+def between(page: str, marks: tuple[str, str], lines: Iterable[str]) -> str:
+    """Return a page with other lines between two marks, each of which it holds once."""
+    begin, end = marks
+    before, rest = page.split(begin)
+    return f"{before}{begin}\n\n" + "\n".join(lines) + f"\n\n{end}" + rest.split(end)[1]
 
 
 def reflow(text: str, width: int = WIDTH) -> str:

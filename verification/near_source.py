@@ -20,13 +20,12 @@ from pathlib import Path
 
 import numpy as np
 
-from pyblast.files import write_text
 from pyblast.model.source import Column, TimeFunction
 from pyblast.project.project import Project
 from pyblast.solver.preparation import prepare
 from pyblast.solver.run import simulate
 
-from .rows import each_row, options, read_rows
+from .rows import study
 from .solutions.buried_explosion import surface_motion
 from .solutions.full_space import Bell, moment, point_force
 
@@ -237,22 +236,9 @@ def table(rows):
     return lines
 
 
-def paged(page, rows):
-    """Return the page with the table of some rows."""
-    before, rest = page.split(BEGIN)
-    return f"{before}{BEGIN}\n\n" + "\n".join(table(rows)) + f"\n\n{END}" + rest.split(END)[1]
-
-
 def main(arguments):
     """Measure rows and write them and the table."""
-    arguments, limits = options(arguments)
-    names = [a for a in arguments if a != "--page"]
-    for name in names:
-        if name not in NAMES:
-            sys.exit(f"near_source: no row {name!r}; there are {'; '.join(NAMES)}")
-    only_page = "--page" in arguments
-    rows = read_rows(OUT) if only_page else each_row(OUT, names or NAMES, measured, **limits)
-    write_text(PAGE, paged(PAGE.read_text(), rows))
+    study(arguments, NAMES, measured, table, OUT, PAGE, (BEGIN, END))
 
 
 if __name__ == "__main__":

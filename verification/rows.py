@@ -16,6 +16,8 @@ from benchmarks.timing import stamp
 from pyblast.errors import PyblastError
 from pyblast.files import write_text
 
+from .markdown import between
+
 ROOT = Path(__file__).resolve().parents[1]
 Rows = dict[str, dict[str, Any]]
 
@@ -53,7 +55,7 @@ def each_row(
     """
     ends = float("inf") if minutes is None else time.monotonic() + 60.0 * minutes
     failed = []
-    with _ended_by_sigterm():
+    with ended_by_sigterm():
         for name in names:
             if not again and name in read_rows(path):
                 continue
@@ -121,6 +123,39 @@ def draws(
     return seed, numbers[0] if numbers else count, {"minutes": minutes} | limits
 
 
+def study(
+    arguments: list[str],
+    names: Iterable[str],
+    measured: Callable[[str], dict[str, Any]],
+    table: Callable[[Rows], list[str]],
+    out: Path,
+    page: Path,
+    marks: tuple[str, str],
+) -> None:
+    """Measure the rows of a study, ``[NAME ...] [--page] [--again] [--minutes N]``, and its table.
+
+    Parameters
+    ----------
+    arguments : list of str
+        Names of rows, all by default; ``--page``: only the table, of the rows that are there.
+    names : iterable of str
+    measured, table : callable
+        The row of a name, and the lines of all rows.
+    out, page : Path
+        Of the rows, and of the page that holds the table.
+    marks : tuple of 2 str
+        Lines of the page before and after the table.
+    """
+    chosen, limits = options(arguments)
+    chosen, known = [word for word in chosen if word != "--page"], list(names)
+    for name in chosen:
+        if name not in known:
+            sys.exit(f"{out.stem}: no row {name!r}; there are {'; '.join(known)}")
+    only_page = "--page" in arguments
+    rows = read_rows(out) if only_page else each_row(out, chosen or known, measured, **limits)
+    write_text(page, between(page.read_text(encoding="utf-8"), marks, table(rows)))
+
+
 @cache
 def program() -> str:
     """Return a digest of the source of the program: Python, its tables and Fortran."""
@@ -142,7 +177,7 @@ def _store(path, name, row):
 
 
 @contextmanager
-def _ended_by_sigterm():
+def ended_by_sigterm():
     """Let SIGTERM raise SystemExit, so that pools and temporary folders are cleared away."""
     before = signal.signal(signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM))
     try:

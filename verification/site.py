@@ -29,7 +29,7 @@ from pyblast.line_records.changes import changes, residuals
 from pyblast.line_records.forecasts import forecasts
 from pyblast.line_records.monitoring import features_of
 
-from .markdown import reflow
+from .markdown import between, reflow
 from .rows import each_row, options, read_rows
 
 OUT = Path(__file__).with_suffix(".json")
@@ -302,9 +302,7 @@ def lines(rows: dict) -> list[str]:
 
 def paged(page: str, rows: dict) -> str:
     """Return the page with its lines between the marks."""
-    before, rest = page.split(BEGIN)
-    return reflow(f"{before}{BEGIN}\n\n" + "\n".join(lines(rows)) + f"\n\n{END}"
-                  + rest.split(END)[1])  # fmt: skip
+    return reflow(between(page, (BEGIN, END), lines(rows)))
 
 
 def main(arguments: list[str]) -> None:

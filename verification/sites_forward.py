@@ -25,6 +25,7 @@ from pyblast.signals.seismogram import Seismogram
 from pyblast.solver.preparation import prepare
 from pyblast.solver.run import simulate
 
+from .markdown import between
 from .rows import each_row, options, read_rows
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -125,9 +126,7 @@ def table(rows):
 
 def paged(page, rows):
     """Return the page with the table of some rows."""
-    before, rest = page.split(BEGIN)
-    lines = "\n".join(table(in_order(rows)))
-    return f"{before}{BEGIN}\n\n{lines}\n\n{END}" + rest.split(END)[1]
+    return between(page, (BEGIN, END), table(in_order(rows)))
 
 
 def measured(folder, name):

@@ -1,1 +1,1 @@
-"""Blind benchmark of the diagnosis: sealed truths, frozen answers, a table of scores."""
+"""Small sites with real noise and hidden effects, drawn by a seed; verification/proof asks them."""

@@ -1,50 +1,78 @@
-"""One case: a believed site, a true world, its records, its truth under seal."""
+"""One case: a believed site, a true world, its truth, and then its records."""
 
 import io
 import os
 import shutil
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from pyblast.files import plain
+from pyblast.files import plain, write_text
 
 from . import instruments, outside  # noqa: F401  fill EFFECTS
 from .case_files import write_asked, write_case
 from .effects import EFFECTS, log_uniform
 from .nuisances import shaken
 from .plan import FAMILY, Draw
-from .sealing import digest, seal
-from .sites import FURTHER, draw_site
+from .sites import FURTHER, Site, draw_site
 from .worlds import World, ground_motion, noise_of, recorded
 
 SNR = 5.0, 40.0
 
 
-def draw(draw_of: Draw, store: Path) -> str:
-    """Draw a case into a store and return its seal; a case that is there already is only read."""
-    name = draw_of.name
-    truth_folder = store / "truth" / name
-    if (truth_folder / "truth.json").exists():
-        return digest((truth_folder / "truth.json").read_bytes())
-    rng = np.random.default_rng(draw_of.seed)
-    site = draw_site(rng, poor=draw_of.block == "poor")
-    true, lags = shaken(site, draw_of.level, rng)
-    bare = World(true, lags)
-    world, hidden = with_effects(bare, draw_of.effects, rng)
-    motion = ground_motion(world)
-    snr = log_uniform(rng, *SNR)
-    noise = noise_of(site, motion, snr, rng)
-    clean = recorded(world, motion)
-    same = world.site is bare.site and world.damping is bare.damping
-    without = recorded(bare, motion if same else ground_motion(bare))
+@dataclass(frozen=True, eq=False)
+class Drawn:
+    """A case whose truth is drawn and whose records are not simulated yet.
+
+    Parameters
+    ----------
+    site : Site
+        As believed.
+    bare, world : World
+        With errors, and with effects as well.
+    truth : dict
+        ``case``, ``block``, ``level``, ``effects``, ``snr``.
+    rng : numpy Generator
+        That draws the noise.
+    """
+
+    site: Site
+    bare: World
+    world: World
+    truth: dict
+    rng: np.random.Generator
+
+
+def drawn(draw: Draw) -> Drawn:
+    """Draw the truth of a case; it follows from the seed alone."""
+    rng = np.random.default_rng(draw.seed)
+    site = draw_site(rng, poor=draw.block == "poor")
+    bare = World(*shaken(site, draw.level, rng))
+    world, hidden = with_effects(bare, draw.effects, rng)
     truth = {
-        "case": name, "block": draw_of.block, "level": draw_of.level, "effects": hidden,
-        "snr": snr, "share": share_of(clean, without),
+        "case": draw.name, "block": draw.block, "level": draw.level, "effects": hidden,
+        "snr": log_uniform(rng, *SNR),
     }  # fmt: skip
-    write_case(store / "cases" / name, name, site, recorded(world, motion, noise))
-    write_asked(store / "asked" / name, site)
-    return _write_truth(truth_folder, truth, clean, without)
+    return Drawn(site, bare, world, truth, rng)
+
+
+def write_drawn(case: Drawn, store: Path):
+    """Simulate the records of a case and write it: what is known, what is asked, what is true.
+
+    Folders ``cases``, ``asked`` and ``truth``; a case that is there already stays.
+    """
+    name = case.truth["case"]
+    if (store / "truth" / name).exists():
+        return
+    motion = ground_motion(case.world)
+    noise = noise_of(case.site, motion, case.truth["snr"], case.rng)
+    clean = recorded(case.world, motion)
+    same = case.world.site is case.bare.site and case.world.damping is case.bare.damping
+    without = recorded(case.bare, motion if same else ground_motion(case.bare))
+    write_case(store / "cases" / name, name, case.site, recorded(case.world, motion, noise))
+    write_asked(store / "asked" / name, case.site)
+    _write_motion(store / "truth" / name, clean, without)
 
 
 def with_effects(world: World, labels, rng):
@@ -69,19 +97,17 @@ def share_of(clean, without):
     return float(np.max(shares))
 
 
-def _write_truth(folder, truth, clean, without):
-    """Write a truth with its motion at once, and return its seal."""
+def _write_motion(folder, clean, without):
+    """Write the true motion at once, with the share that effects change."""
     buffer = io.BytesIO()
     np.savez(
         buffer,
         **{f"clean {b}": v.astype(np.float32) for b, v in clean.items()},
         **{f"without {b}": v.astype(np.float32) for b, v in without.items()},
     )
-    text, sealed = seal({**truth, "motion": digest(buffer.getvalue())})
     beside = folder.with_name(f".{folder.name}.{os.getpid()}")
     shutil.rmtree(beside, ignore_errors=True)
     beside.mkdir(parents=True)
     (beside / "motion.npz").write_bytes(buffer.getvalue())
-    (beside / "truth.json").write_text(text, encoding="utf-8")
+    write_text(beside / "share", f"{share_of(clean, without):.9g}\n")
     beside.rename(folder)
-    return sealed

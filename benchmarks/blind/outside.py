@@ -52,7 +52,8 @@ def second_blast(world, rng):
         charge=np.append(blast.charge, charge),
         times=np.append(blast.times, blast.times[0] + rng.uniform(0.0, 0.2)),
         diameter=np.full(len(blast.charge) + 1, 0.1), hole_ids=(),
-        deck=np.nan, stated_length=np.nan, stated_inclination=np.nan,
+        deck=np.nan, stated_length=np.nan, stated_inclination=np.nan, planned=np.nan,
+        burden=np.nan, stemming=np.nan, row=np.nan,
     ), name, {}  # fmt: skip
 
 

@@ -260,6 +260,17 @@ class Blast:
         Remarks of the reader of the table; repeated by ``checks``.
     explosive_density : float, kg/m3
         In the hole; default: ANFO.
+    planned : (n_holes,) float64, s
+        Planned firing times where ``times`` are those that detonators measured; NaN if these are
+        the planned ones.
+    burden, stemming : (n_holes,) float64, m
+        NaN where the table does not give it.
+    row : (n_holes,) float64
+        Number of the row from the face on; NaN where unknown.
+    face : float, rad
+        Bearing, clockwise from north, of the free face as seen from the holes; NaN if unknown.
+    choked : bool
+        Whether muck lies before the face.
 
     Raises
     ------
@@ -286,6 +297,12 @@ class Blast:
     stated_inclination: np.ndarray | float = math.nan
     notes: tuple[str, ...] = field(default=())
     explosive_density: float = ANFO_DENSITY
+    planned: np.ndarray | float = math.nan
+    burden: np.ndarray | float = math.nan
+    stemming: np.ndarray | float = math.nan
+    row: np.ndarray | float = math.nan
+    face: float = math.nan
+    choked: bool = False
 
     def __post_init__(self) -> None:
         """Check the fields once, spread single values over the holes, make arrays read-only."""
@@ -311,6 +328,10 @@ class Blast:
             "deck": (n, 2),
             "stated_length": (n,),
             "stated_inclination": (n,),
+            "planned": (n,),
+            "burden": (n,),
+            "stemming": (n,),
+            "row": (n,),
         }
         for name, shape in shapes.items():
             object.__setattr__(self, name, _per_hole(name, getattr(self, name), shape))

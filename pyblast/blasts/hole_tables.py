@@ -31,6 +31,7 @@ FEWEST_TITLES = 3
 LARGEST_FILE = 50_000_000
 TIE = ":::"
 OPTIONS = {"axes": ("east_north", "north_east"), "angle_from": ("vertical", "horizontal")}
+YES = "yes", "true", "1", "ja", "oui", "si", "sim"
 NOT_MEASURED = "09/05/1975"  # time stamp of Kirra for masses that nobody measured
 _PLACES = Wanted(
     {n: q._replace(needed=n in ("x", "y", "z")) for n, q in wanted_by("holes").quantities.items()}
@@ -225,14 +226,54 @@ def _assemble(layout, table):
         collar=collar,
         toe=toe,
         charge=_charges(columns, missing),
-        times=_times(columns, ids, notes),
+        **_fired(columns, _times(columns, ids, notes), notes),
         diameter=np.where(diameter == 0.0, math.nan, diameter),
         hole_ids=tuple(ids),
         deck=np.column_stack([columns.get(k, missing) for k in ("deck_top", "deck_base")]),
         stated_length=columns.get("length", missing),
         stated_inclination=columns.get("inclination", missing),
+        **_pattern(columns, missing, notes),
         notes=(f"Read as {layout.name}.", *notes),
     )
+
+
+def _fired(columns, planned, notes):
+    """Return the firing times: those that detonators measured where there are any."""
+    measured = columns.get("fired")
+    if measured is None or np.isnan(measured).all():
+        return {"times": planned}
+    known = ~np.isnan(measured)
+    first = int(np.flatnonzero(known)[np.argmin(planned[known])])
+    measured = measured - measured[first] + planned[first]  # on the clock of the plan
+    late = 1e3 * np.std((measured - planned)[known])
+    notes.append(
+        f"Firing times are the measured ones of {known.sum()} of {len(known)} holes, "
+        f"{late:.2g} ms (standard deviation) off the planned ones."
+    )
+    times = np.where(known, measured, planned)
+    return {"times": times - min(float(times.min()), 0.0), "planned": planned}
+
+
+def _pattern(columns, missing, notes):
+    """Return what the table says of the pattern: burden, stemming, rows, side of the face."""
+    given = {name: columns[name] for name in ("burden", "stemming") if name in columns}
+    given = {name: np.where(x > 0.0, x, math.nan) for name, x in given.items()}
+    if "row" in columns:
+        names = columns["row"]
+        numbers = sorted({float(row) for row in names if is_number(row)})
+        if len(numbers) > 1:
+            at = {row: float(numbers.index(float(row))) for row in names if is_number(row)}
+            given["row"] = np.array([at.get(row, math.nan) for row in names])
+    if "face" in columns and np.isfinite(columns["face"]).any():
+        given["face"] = float(np.nanmedian(columns["face"]))
+    given["choked"] = any(str(word).lower() in YES for word in columns.get("choked", ()))
+    derived = [name for name in ("burden", "stemming", "row", "face") if name not in given]
+    if derived and len(missing) > 1:
+        notes.append(
+            f"Not in the table: {', '.join(derived)}; hole effects take them from the places of "
+            "the holes, their charges and times."
+        )
+    return given
 
 
 def _charges(columns, missing):

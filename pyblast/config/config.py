@@ -142,7 +142,7 @@ class DelaysConfig(Section):
     max_charge_per_8ms_kg: Positive | None = None
     scatter_ms: NotNegative = 0.0
     scatter_percent: NotNegative = 0.0
-    charge_percent: NotNegative = 0.0
+    charge_percent: NotNegative = 20.0
     blast_percent: NotNegative = 0.0
     doubt: Annotated[float, Field(ge=0.0, le=10.0)] = 0.0
     wave_speed_m_per_s: Speed | None = None

@@ -5,16 +5,25 @@ from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import product
+from typing import NamedTuple
 
 import numpy as np
 from scipy import fft
 
 from ..blasts.blast import Blast
+from ..blasts.hole_effects import HoleChange, together
 from ..errors import InputError, contained
 from ..ground.tables import quality_of
 from ..inference.error_model import ErrorModel
 from ..inference.location import Places
 from ..inference.parameter import Parameter, set_all
+from ..inference.variation import (
+    Charges,
+    Variation,
+    Varied,
+    learned_variation,
+    with_variation,
+)
 from ..project.places import NEAR, resolved_receivers
 from ..project.project import Project
 from ..project.uncertain_ground import factors_of
@@ -24,12 +33,28 @@ from ..units import plain_number
 from . import library  # noqa: F401  fills the library
 from .calibration import Baseline, attenuated
 from .case import Case
-from .error import learned_error
-from .forward import Surroundings, holds, secondary_places, simulation_of, surroundings
-from .hypotheses import FAMILIES, LIBRARY, Hypothesis, blast_and_hole, superposed
-from .thresholds import DEAREST, IDEALISED, ORDINARY
+from .error import VARIED, learned_error, with_calibrated
+from .forward import (
+    Surroundings,
+    holds,
+    hole_motion,
+    secondary_places,
+    simulation_of,
+    surroundings,
+)
+from .hypotheses import (
+    FAMILIES,
+    LIBRARY,
+    Hypothesis,
+    blast_and_hole,
+    pattern_of,
+    patterns_of,
+    superposed,
+)
+from .thresholds import DEAREST, FEWEST_HOLES, IDEALISED, ORDINARY
 
 FURTHER = "further blast"
+WEAKEST = 0.05  # of the largest in its spectrum: a pulse is not divided by less
 RUNS, HOLES = "runs", "motion of single holes"  # parts of a diagnosis that may fail
 
 
@@ -71,6 +96,14 @@ class Effect:
         """Values by name: a float, or (n_holes,) float64."""
         pairs = zip(self.hypothesis.parameters, self.values, strict=True)
         return {p.name: np.array(values) if p.per_hole else values[0] for p, values in pairs}
+
+
+class Varying(NamedTuple):
+    """Learned variation from hole to hole: around which filters, how much, levels that remain."""
+
+    around: Variation
+    level: Varied
+    levels: tuple[float, ...]
 
 
 @dataclass(eq=False)
@@ -129,23 +162,74 @@ class Scene:
         return secondary_places(self.simulation, self.case, self.baseline.project)
 
     @cached_property
+    def varied(self) -> Varying | None:
+        """Variation from hole to hole, learned before anything else; None without many holes.
+
+        What it does to each record counts as usual from then on.
+        """
+        baseline, blasts = self.baseline, self.case.project.blasts
+        charges = {
+            b: Charges(self.holes[name], blasts[name].times, blasts[name].centres)
+            for b, name in enumerate(self.case.blasts) if _many(self.holes.get(name, ()))
+        }  # fmt: skip
+        if not charges:
+            return None
+        band, sigma = self.case.band, baseline.sigma[:, None, None, None, None]
+        held = sigma * band.project(baseline.slopes)
+        residual = band.project(self.case.residual(baseline.motion))
+        residual = residual + np.tensordot(baseline.prior_deviation, held, 1)
+
+        def build(own):
+            return with_calibrated(self._error_around(own), held)
+
+        own, level, levels = learned_variation(build, charges, band, residual, VARIED)
+        usual = baseline.usual + level.value**2 * own.energy
+        self.baseline = replace(baseline, usual=np.where(baseline.usual > 0.0, usual, 0.0))
+        return Varying(own, level, levels)
+
+    @property
+    def unplanned(self) -> np.ndarray | float:
+        """What holes send beyond their plan, (n_blasts, n_receivers, 3, n_samples) m/s."""
+        return 0.0 if self.varied is None else self.varied.around.change
+
+    def radiated(self, name: str) -> np.ndarray:
+        """Return the share of its planned motion that each hole of a blast radiates, (n_holes,).
+
+        By its learned variation, at all receivers together.
+        """
+        planned, at = self.holes[name], self.case.blasts.index(name)
+        varied = planned if self.varied is None else self.varied.around.charges.get(at, planned)
+        alike, energy = (np.einsum("hrct,hrct->h", planned, each) for each in (varied, planned))
+        return np.where(energy > 0.0, alike / np.where(energy > 0.0, energy, 1.0), 1.0)
+
+    @cached_property
     def error(self) -> ErrorModel:
         """Learned error of the prediction of the calibrated site, but for what is calibrated."""
-        baseline = self.baseline
+        if self.varied is None:
+            return self._error_around(None)
+        around, _, levels = self.varied
+        return with_variation(self._error_around(around), around, levels)
+
+    def _error_around(self, variation):
+        """Return the error around the motion with a variation, without this."""
+        baseline, motion, holes = self.baseline, self.baseline.motion, self.holes
+        if variation is not None:
+            motion, names = motion + variation.change, self.case.blasts
+            holes = holes | {names[b]: own for b, own in variation.charges.items()}
         return learned_error(
             self.case, baseline.parameters,
-            (baseline.motion, baseline.slopes, self.surroundings.slopes(), baseline.correction),
-            self._late_holes(),
+            (motion, baseline.slopes, self.surroundings.slopes(), baseline.correction),
+            self._late_holes(holes),
         )  # fmt: skip
 
-    def _late_holes(self):
+    def _late_holes(self, holes):
         """Return the columns of firing times by the motion of each hole, by number of the blast."""
         seconds = 1e-3 * self.case.project.config.priors.firing_ms
         late = {
-            b: [self.change_by_holes(name, each, np.ones(len(each)))
-                for each in seconds * np.eye(len(self.holes[name]))]
+            b: [self.change_by_holes(name, HoleChange(delay=each), holes[name])
+                for each in seconds * np.eye(len(holes[name]))]
             for b, name in enumerate(self.case.blasts)
-            if seconds and len(self.holes.get(name, ())) > 1
+            if seconds and len(holes.get(name, ())) > 1
         }  # fmt: skip
         return {b: self.seen(np.array(changes)) for b, changes in late.items()}
 
@@ -169,7 +253,7 @@ class Scene:
         if all(effect.hypothesis.family == "instrument" for effect in effects):
             return self.error
         calibrated = np.tensordot(values - self.baseline.values, self.baseline.slopes, 1)
-        change = motion - self.baseline.motion - calibrated
+        change = motion - self.baseline.motion - self.unplanned - calibrated
         blocks = self.error.blocks.beside(change, self.case.band, IDEALISED)
         return replace(self.error, blocks=blocks)
 
@@ -352,44 +436,73 @@ class Scene:
         return motion
 
     def _by_holes(self, effect):
-        """Return the change of motion by other times and scales of the holes of one blast."""
-        name, _ = blast_and_hole(effect.target)
-        blast = self.case.project.blasts[name]
+        """Return the change of motion by an effect on the holes of one blast, or of all."""
         if HOLES in self.failures and superposed in effect.hypothesis.simulated:
             raise InputError(f"{HOLES}: {self.failures[HOLES]}")
-        return self.change_by_holes(
-            name, *effect.hypothesis.apply(blast, effect.target, **effect.parameters)
+        own, _ = blast_and_hole(effect.target)
+        return sum(
+            self.change_by_holes(
+                name, effect.hypothesis.apply(pattern, effect.target, **effect.parameters)
+            )
+            for name, pattern in zip(self.case.blasts, patterns_of(self.case), strict=True)
+            if own in ("", name)
         )
 
-    def change_by_holes(self, name: str, delays: np.ndarray, scales: np.ndarray) -> np.ndarray:
-        """Return the change of motion by other times and scales of the holes of a blast.
+    def change_by_holes(
+        self, name: str, changes: HoleChange, holes: np.ndarray | None = None
+    ) -> np.ndarray:
+        """Return the change of motion by changes of what the holes of a blast send.
 
         Parameters
         ----------
         name : str
-        delays, scales : (n_holes,) float64
-            In s; factors on the motion of each hole.
+        changes : HoleChange
+            Of each hole, or of each hole and receiver.
+        holes : (n_holes, n_receivers, 3, n_samples) float64, m/s, optional
+            Motion of each, fired at zero; as it was learned to vary by default.
 
         Returns
         -------
         (n_blasts, n_receivers, 3, n_samples) float64, m/s
         """
         blast, at = self.case.project.blasts[name], self.case.blasts.index(name)
-        times, holes, n = blast.times, self.holes.get(name), self.case.n_samples
+        times, n = blast.times, self.case.n_samples
+        if holes is None:
+            holes = self.holes.get(name)
+            if self.varied is not None:
+                holes = self.varied.around.charges.get(at, holes)
         if holes is None:  # all holes have the same delay and scale
             holes, times = self.baseline.motion[[at]], np.zeros(1)
-            delays, scales = delays[:1], scales[:1]
-        other = (delays != 0.0) | (scales != 1.0)
-        delays, scales, times, holes = delays[other], scales[other], times[other], holes[other]
-        latest = int(np.max([times, times + delays], initial=0.0) / self.case.dt) + 1
+            changes = HoleChange(*(np.ravel(each)[:1] for each in changes))
+        latest = int((np.max(times) + np.max(changes.delay, initial=0.0)) / self.case.dt) + 1
         size = fft.next_fast_len(n + max(n, latest), real=True)  # without wrap-around
-        turns = -2j * np.pi * fft.rfftfreq(size, self.case.dt)
-        nominal = np.exp(np.multiply.outer(times, turns))
-        changed = scales[:, None] * np.exp(np.multiply.outer(times + delays, turns))
-        spectrum = fft.rfft(holes, size) * (changed - nominal)[:, None, None]
+        omega = 2.0 * np.pi * fft.rfftfreq(size, self.case.dt)
+        middle = 2.0 * np.pi * np.sqrt(max(self.case.band.low, 0.1) * self.case.band.high)
+        pulse = self._pulse(omega) if np.any(changes.duration) else 0.0
+        factor = changes.factor(omega, middle, pulse) - 1.0
+        fired = np.exp(-1j * np.multiply.outer(times, omega))[:, None] * factor
+        total = np.zeros((*holes.shape[1:3], len(omega)), dtype=complex)
+        for each, motion in zip(fired, holes, strict=True):
+            if np.any(each):
+                total += fft.rfft(motion, size) * each[:, None]
         change = np.zeros((len(self.case.blasts), *holes.shape[1:]))
-        change[at] = fft.irfft(spectrum.sum(axis=0), size)[..., :n]
+        change[at] = fft.irfft(total, size)[..., :n]
         return change
+
+    def _pulse(self, omega):
+        """Return the derivative of ln S by ln f of the pulse S of a hole, (n_omega,) complex128."""
+        rate = self.case.project.shots[0].inside.moment_rate
+        times = rate.dt * np.arange(len(rate.values))
+        waves = np.exp(-1j * np.multiply.outer(omega, times))
+        spectrum, slope = waves @ rate.values, waves @ (-1j * times * rate.values)
+        least = WEAKEST * np.max(np.abs(spectrum))
+        weak = np.conj(spectrum) / np.maximum(np.abs(spectrum) ** 2, least**2)
+        return omega * slope * weak
+
+
+def _many(holes):
+    """Tell whether enough holes send anything, so that they show how much they vary."""
+    return sum(bool(np.any(motion)) for motion in holes) >= FEWEST_HOLES
 
 
 def starting_effects(hypothesis: Hypothesis, target: str, scene: Scene) -> list[Effect]:
@@ -487,7 +600,8 @@ def predict(
     values : (n_calibrated,) float
         Values of a diagnosis.
     effects : sequence of Effect
-        Effects on holes are ignored: they belong to another blast.
+        Effects on the holes of a blast are ignored: they belong to another one. Those of all holes
+        of the site are applied, by the motion of each.
     folder : path, optional
         Folder of stored runs.
 
@@ -510,8 +624,18 @@ def predict(
     reference, project = (with_blast(each, FURTHER, blast) for each in (case.project, answer))
     further = replace(case, project=reference, blasts=(FURTHER,))
     simulation = simulation_of(further, folder, finer=True)
-    scene = PredictionScene(simulation, further, project)
-    return with_motion_effects(scene, simulation.motion(project), effects)[0]
+    motion = simulation.motion(project)
+    rows = [effect for effect in _acting(effects, "holes") if not effect.target]
+    if rows:
+        pattern = pattern_of(case, blast)
+        baseline = Baseline(
+            further, (), np.zeros(0), np.zeros((0, 0)), project, motion,
+            np.zeros((0, *motion.shape)), motion, 0.0 * motion, np.ones(motion.shape[:2]),
+        )  # fmt: skip
+        fired, own = Scene(simulation, baseline, {}), hole_motion(simulation, further, project)
+        changes = [e.hypothesis.apply(pattern, e.target, **e.parameters) for e in rows]
+        motion = motion + fired.change_by_holes(FURTHER, together(changes), own[FURTHER])
+    return with_motion_effects(PredictionScene(simulation, further, project), motion, effects)[0]
 
 
 def at_further(case: Case, blast: Blast) -> Case:

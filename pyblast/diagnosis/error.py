@@ -13,6 +13,7 @@ from ..project.places import firings_of
 from .case import Case
 from .thresholds import ENERGY_SHARE, MESH_SHARE
 
+VARIED = 0.0, 0.1, 0.2, 0.4, 0.8  # levels of variation from hole to hole
 LEVELS = Levels(
     scatter=(5e-3, 2e-2, 8e-2, 0.3, 1.0), transfer=(2e-3, 1e-2, 5e-2, 0.3), nuisance=(1.0, 2.0)
 )

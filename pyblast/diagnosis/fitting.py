@@ -99,7 +99,8 @@ class Fitter:
                 motions.append(None)
                 continue
             slopes = self.scene.baseline.slopes
-            run = run + self.shift + np.tensordot(values - self.reference, slopes, 1)
+            run = run + np.tensordot(values - self.reference, slopes, 1)
+            run = run + self.shift + self.scene.unplanned
             received = None
             with self.scene.contained(effects):
                 received = self.scene.received(run, effects)
@@ -188,7 +189,8 @@ class Fitter:
     def fit_at(self, state: FitState, posterior: Posterior) -> "Fit":
         """Return the fit at a state."""
         values, effects = self.values_at(state.x)
-        chi_square = self.scene.baseline.chi_square(state.motion)
+        planned = state.motion - self.scene.unplanned
+        chi_square = self.scene.baseline.chi_square(planned)
         return Fit(effects, values, state, posterior, chi_square)
 
 

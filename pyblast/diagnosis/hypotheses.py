@@ -9,6 +9,8 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
+from ..blasts.blast import Blast
+from ..blasts.hole_effects import Pattern
 from ..core import JOINT_LAWS, ZONE_LAWS
 from ..errors import InputError, contained, named_error
 from ..ground.tables import quality_of
@@ -176,6 +178,31 @@ def known_source(case: Case) -> str:
     return point_forces(case)
 
 
+def pulse_known(case: Case) -> str:
+    """Require holes whose moment rate is given, the pulse that may last longer."""
+    if all(getattr(shot.inside, "moment_rate", None) is not None for shot in case.project.shots):
+        return ""
+    return "the pulse of a hole is not given as a moment rate (holes_inside.moment_rate_file)"
+
+
+def patterns_of(case: Case) -> tuple[Pattern, ...]:
+    """Return the pattern of each blast of a case, in their order; asked once a case."""
+    if case not in _PATTERNS:
+        _PATTERNS[case] = tuple(pattern_of(case, case.project.blasts[name]) for name in case.blasts)
+    return _PATTERNS[case]
+
+
+def pattern_of(case: Case, blast: Blast) -> Pattern:
+    """Return the pattern of a blast at the receivers of a case, beside its charges."""
+    charges = [case.project.blasts[name].charge for name in case.blasts]
+    loaded = np.concatenate(charges)
+    loaded = loaded[loaded > 0.0]
+    places = {r.name: r.position for r in case.project.receivers}
+    receivers = np.array([places[name] for name in case.receivers])
+    reference = float(np.exp(np.mean(np.log(loaded)))) if len(loaded) else 1.0
+    return Pattern(blast, receivers, reference)
+
+
 OF_BLAST = " of blast "
 
 
@@ -282,8 +309,8 @@ class Hypothesis:
         What is held out in cross-validation, of `AXES`.
     parameters : tuple of Parameter
     apply : callable
-        ``(project, target, **parameters) -> Project or None`` on the site, ``(blast, target,
-        **parameters) -> delays in s, scales`` on holes, ``(scene, motion, target, **parameters) ->
+        ``(project, target, **parameters) -> Project or None`` on the site, ``(pattern, target,
+        **parameters) -> HoleChange`` on holes, ``(scene, motion, target, **parameters) ->
         motion`` on motion.
     mesh_control : callable or None
         ``(project, target, **parameters) -> Project``: the mesh of the effect without the effect.
@@ -359,6 +386,7 @@ class Hypothesis:
         return next(filter(None, (need(case) for need in self.needs)), "")
 
 
+_PATTERNS: WeakKeyDictionary = WeakKeyDictionary()  # of the blasts of a case
 _REASONS: WeakKeyDictionary = WeakKeyDictionary()  # why not testable, by case and hypothesis
 _FAILED: WeakKeyDictionary = WeakKeyDictionary()  # errors of lists of targets, by case and list
 LIBRARY: dict[str, Hypothesis] = {}

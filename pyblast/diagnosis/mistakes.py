@@ -5,7 +5,7 @@ a record whose components, sign, unit or place in a list is wrong would shift wh
 and be explained by ground that is not there.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from itertools import combinations, permutations, product
@@ -142,14 +142,14 @@ def plainest(case: Case, simulation: Simulation, project: Project) -> Mistake | 
     if copy is not None:
         return copy
     offered = [m for search in (_of_receivers, _of_pairs, _of_blasts) for m in search(compared)]
-    mistake = _best(offered)
+    mistake = plainest_act(offered)
     if mistake is not None and mistake.kind != "time zero":
         return mistake
     rivals = [] if mistake is None else [mistake]  # holes off their place are late as well
-    return _best([*rivals, *_of_plans(simulation, compared)])
+    return plainest_act([*rivals, *_of_plans(simulation, compared)])
 
 
-def _best(offered):
+def plainest_act(offered: Sequence[Mistake]) -> Mistake | None:
     """Return the act that mends most of what it concerns, if no other mends it nearly as well."""
     for mistake in sorted(offered, key=lambda m: -m.ratio):
         rivals = [m for m in offered if m.target == mistake.target and m.act != mistake.act]

@@ -5,10 +5,12 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from ..blasts.hole_effects import HARDLY
 from ..errors import contained
 from ..inference.location import located
 from ..inference.moveout import growth, moveout, polarised_shares
 from ..inference.records import COMPONENTS
+from ..inference.variation import Varied
 from .calibration import Baseline, like_taught
 from .case import Case, case_of
 from .cross_validation import CrossValidation
@@ -20,14 +22,13 @@ from .hypotheses import LIBRARY, blast_and_hole, untestable_labels
 from .mistakes import Mistake
 from .scores import detection_limits
 from .search import Search, means, worst
-from .thresholds import DECISIVE, MATERIAL, RESOLVED
+from .thresholds import DECISIVE, LEAD, MATERIAL, RESOLVED
 from .trusted_shots import explained
 
 UNSURE = "CLASS", "PARTIAL", "UNKNOWN", "MISTAKE"  # outcomes on which a prediction should not rely
 WINDOW = 0.8  # share of the energy of a residual that lies in its windows
 IN_ROCK, ON_JOINT = 0.3, 1.0  # prior standard deviations of logarithms, in rock and on joints
 PROPERTIES = ("cp", "cs", "density")
-HALF_DIAGONAL = 0.87  # of a cube, over its edge
 ELSEWHERE = ("candidate", "side", "source_function")  # of lists, bodies and hammers
 IMPOSSIBLE = "it is impossible at this site, or changes no record"
 LOCATION = "location of the residual"  # a part of a diagnosis that may fail
@@ -55,10 +56,11 @@ def summarise_diagnosis(
     with contained(scene.failures, "detection limits"):
         if search.scores is not None and decision.outcome in ("NULL", "NAMED", "COMPOSITE"):
             limits = detection_limits(search.scores, fit.labels)
+    extra = scene.unplanned
     with contained(scene.failures, "look of the residual"):
-        before = remainder = residual_of(baseline, without.motion, without.chi_square)
+        before = remainder = residual_of(baseline, without.motion - extra, without.chi_square)
         if fit is not without:
-            remainder = residual_of(baseline, fit.motion, fit.chi_square)
+            remainder = residual_of(baseline, fit.motion - extra, fit.chi_square)
     if search.scores is not None and decision.outcome not in ("NULL", "MISTAKE"):
         with contained(scene.failures, LOCATION):
             for look, each in ((before, without), (remainder, fit))[: 1 + (fit is not without)]:
@@ -67,7 +69,8 @@ def summarise_diagnosis(
         "outcome": decision.outcome,
         "mistakes": [mistake.row() for mistake in mistakes],
         "effects": _effects(decision, case),
-        "suspected_misfires": suspected_misfires(decision, case),
+        "suspected_misfires": suspected_misfires(decision, scene),
+        "holes_vary": holes_vary(scene.varied and scene.varied.level),
         "class": list(decision.rivals) if len(decision.rivals) > 1 else [],
         "not_testable": _not_testable(search),
         "detection_limits": limits,
@@ -91,7 +94,7 @@ def summarise_diagnosis(
             "low_pass_hz": {name: case.project.survey.shot(name).low_pass for name in case.blasts},
             "excluded_share": round(float(np.mean(~case.valid)), 4),
         },
-        "fails": list(decision.fails),
+        "fails": [*decision.fails, *_better_bodies(before, search, decision)],
         "next_measurement": _next_measurement(search, decision, remainder),
         "calibration": _calibration(baseline, fit),
         "model": {
@@ -106,20 +109,43 @@ def summarise_diagnosis(
     }  # fmt: skip
 
 
+def holes_vary(varied: Varied | None) -> dict | None:
+    """Return the learned variation from hole to hole in per cent, with its sentence."""
+    if varied is None:
+        return None
+    shares = {name: round(100.0 * getattr(varied, name), 1) for name in ("value", "low", "high")}
+    return shares | {"unit": "%", "words": varied.words}
+
+
 def not_computed(failures: Mapping) -> list[dict]:
     """Return the parts of a diagnosis that failed, with the reason."""
     return [{"part": k, "reason": v} for k, v in failures.items() if isinstance(k, str)]
 
 
+def _better_bodies(before, search, decision):
+    """Return a sentence where a body at one place has more evidence than the answer."""
+    if before is None or not decision.fit.effects:
+        return []
+    evidence = search.delta_ln_evidence(decision.fit)
+    return [
+        f"a change of the ground at {place_in_words(point)} alone has the Δ ln evidence "
+        f"{point['score']:.0f}, the answer {evidence:.0f}"
+        for point in before["points"]
+        if point["score"] > evidence + LEAD
+    ]
+
+
 def not_asked(summary: Mapping) -> dict[str, str]:
     """Return the labels of which nothing was asked although the site may have them, by reason.
 
-    Those that are impossible at the site, or belong to sites of another kind, are left out.
+    Those that are impossible at the site, belong to sites of another kind or change all holes
+    alike are left out.
     """
     rows = summary["not_testable"]
     return {
         row["label"]: row["reason"] for row in rows
         if not row["targets"] and row["reason"] != IMPOSSIBLE and row["label"] not in ELSEWHERE
+        and HARDLY not in row["reason"]
     }  # fmt: skip
 
 
@@ -163,10 +189,15 @@ def diagnosis_lines(summary: Mapping) -> list[str]:
     if summary["outcome"] == "UNKNOWN":
         lines += [f"  not asked: {label}: {why}" for label, why in not_asked(summary).items()]
     lines += [f"  {act}" for act in acts(summary)]
+    located = summary[residual_shown(summary)]
+    if located is not None:
+        lines += [f"  most like a change at {place_in_words(each)}" for each in located["points"]]
     for effect in summary["effects"]:
         targets = effect["target"] if isinstance(effect["target"], list) else [effect["target"]]
         where = f" at {', '.join(targets)}" if any(targets) else ""
         lines.append(f"  {effect['label']}{where}: {effect['claim']}")
+    if summary["holes_vary"]:
+        lines.append(f"  {summary['holes_vary']['words']}")
     if summary["suspected_misfires"]:
         lines.append(f"  suspected misfires: {holes_in_words(summary['suspected_misfires'])}")
     if summary["class"]:
@@ -188,6 +219,11 @@ def diagnosis_lines(summary: Mapping) -> list[str]:
     if not summary["finished"]:
         lines.append("  the budget ended before all effects were tried")
     return [*lines, f"  next: {summary['next_measurement']}"]
+
+
+def residual_shown(summary: Mapping) -> str:
+    """Return the key of the residual whose place matters: without effects, or beside the answer."""
+    return "located" if summary["outcome"] in ("UNKNOWN", "CLASS") else "remainder"
 
 
 def acts(summary: Mapping) -> list[str]:
@@ -243,19 +279,19 @@ def _ranking(search):
     ]  # fmt: skip
 
 
-def suspected_misfires(decision: Decision, case: Case) -> list[dict]:
+def suspected_misfires(decision: Decision, scene: Scene) -> list[dict]:
     """Return the holes that may hold unfired explosive, by the best effects, accepted or not.
 
     Parameters
     ----------
     decision : Decision
-    case : Case
+    scene : Scene
 
     Returns
     -------
     list of dict
-        ``blast``, ``hole``, ``radiated``: share of what its charge should radiate, below
-        `SILENT`, with ``low`` and ``high``, its 90 % interval.
+        ``blast``, ``hole``, ``radiated``: share of what its charge should radiate, that by its
+        variation included, below `SILENT`, with ``low`` and ``high``, its 90 % interval.
     """
     fit = decision.best if decision.best is not None and not decision.fit.effects else decision.fit
     rows = []
@@ -264,17 +300,18 @@ def suspected_misfires(decision: Decision, case: Case) -> list[dict]:
             continue
         blast, hole = blast_and_hole(effect.target)
         (scales,) = table.values()
-        if isinstance(scales, list):
-            ids = case.project.blasts[blast].hole_ids
-        elif hole:
-            ids, scales = (hole,), [scales]
-        else:  # the whole blast by one factor
+        if not hole and not isinstance(scales, list):  # the whole blast by one factor
             continue
-        rows += [
-            {"blast": blast, "hole": name,
-             "radiated": scale["value"], "low": scale["low"], "high": scale["high"]}
-            for name, scale in zip(ids, scales, strict=True) if scale["value"] < SILENT
-        ]  # fmt: skip
+        ids = scene.case.project.blasts[blast].hole_ids
+        share = dict(zip(ids, scene.radiated(blast), strict=True))
+        if hole:
+            ids, scales = (hole,), [scales]
+        for name, scale in zip(ids, scales, strict=True):
+            value, low, high = (scale[key] * share[name] for key in ("value", "low", "high"))
+            if value < SILENT:
+                rows.append(
+                    {"blast": blast, "hole": name, "radiated": value, "low": low, "high": high}
+                )
     return rows
 
 
@@ -386,7 +423,7 @@ def _next_measurement(search, decision, remainder):
 
     Where no effect needs a measurement, the remainder decides.
     """
-    silent = suspected_misfires(decision, search.scene.case)
+    silent = suspected_misfires(decision, search.scene)
     if silent and decision.outcome != "MISTAKE":
         return (
             f"keep people and machines off {holes_in_words(silent)}, which may hold unfired "
@@ -555,12 +592,11 @@ def points_of(search: Search, fit: Fit) -> tuple[list[dict], dict | None]:
     share = body.volume / rock.sizes.sum()
     if body.score < scores.threshold or share > RESOLVED:
         return [], cells
-    reach = max(reach, HALF_DIAGONAL * rock.sizes[body.best] ** (1.0 / 3.0))
-    position, within, on = rock.centres[body.best], max(body.within, reach), None
+    position, within, on = rock.centres[body.best], body.within(reach), None
     patch = located(error, joints, residual, ON_JOINT) if len(joints.sizes) else None
     if patch is not None and patch.log_bayes.max() > body.log_bayes.max():
         position, on = joints.centres[patch.best], joints.names[patch.best]
-        within = max(patch.within, reach)
+        within = patch.within(reach)
     x, y, z, *further = (_rounded(v, 1e3, 3) for v in (*position, within, body.volume))
     change = dict(zip(PROPERTIES, np.round(body.strength[body.best], 3).tolist(), strict=True))
     return [

@@ -55,6 +55,10 @@ MESH_SHARE = _enter(
     "MESH_SHARE", 0.28, "energy that a finer mesh changes",
     "Usual error of the finer mesh itself", "`python -m benchmarks cuts`, the median",
 )  # fmt: skip
+FEWEST_HOLES = _enter(
+    "FEWEST_HOLES", 5, "holes of a blast", "Fewest that show how much holes vary",
+    "of one hole alone, twice its charge read as variation of 50 to 98 %",
+)  # fmt: skip
 # Records
 _enter("SHORTEST_RECORD", SHORTEST_RECORD, "longest record", "No record may end earlier", "assumed")
 WRONG_UNIT = _enter(

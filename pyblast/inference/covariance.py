@@ -32,6 +32,8 @@ class RecordBlocks:
         Of the records.
     noise_energy : the same shape
         Expected of their noise.
+    paths : (n_blasts, n_receivers, 3 n_functions, 3 n_functions) float64, (m/s)2, optional
+        At a level of one: what varies from hole to hole at each receiver.
     """
 
     noise: np.ndarray
@@ -39,14 +41,19 @@ class RecordBlocks:
     coda: np.ndarray
     energy: np.ndarray
     noise_energy: np.ndarray
+    paths: np.ndarray | None = None
 
-    def roots(self, scatter: float, coda: float) -> tuple[np.ndarray, np.ndarray]:
+    def roots(
+        self, scatter: float, coda: float, holes: float = 0.0
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Return what whitens each record at levels, and the log determinant of its covariance.
 
         Parameters
         ----------
         scatter, coda : float
             Levels, in shares of the energy of each channel.
+        holes : float
+            Level of what varies from hole to hole, log amplitude.
 
         Returns
         -------
@@ -54,14 +61,15 @@ class RecordBlocks:
             Inverse Cholesky factors; see `applied`.
         (n_blasts, n_receivers) float64
         """
-        roots = np.linalg.cholesky(self._total(scatter, coda))
+        roots = np.linalg.cholesky(self._total(scatter, coda, holes))
         logarithm = 2.0 * np.sum(np.log(np.diagonal(roots, axis1=-2, axis2=-1)), axis=-1)
         return np.linalg.inv(roots), logarithm
 
     def of(self, blasts: Sequence[int], receivers: Sequence[int]) -> "RecordBlocks":
         """Return the covariance of the records of some blasts at some receivers."""
         part = np.ix_(blasts, receivers)
-        return RecordBlocks(*(getattr(self, each.name)[part] for each in fields(self)))
+        chosen = (getattr(self, each.name) for each in fields(self))
+        return RecordBlocks(*(None if own is None else own[part] for own in chosen))
 
     def beside(self, change, band: Band, share: float) -> "RecordBlocks":
         """Return the covariance with an error of a change of motion, a share of its energy.
@@ -84,11 +92,13 @@ class RecordBlocks:
         roots = np.linalg.cholesky(self._total(*shares))
         return applied(roots, rng.standard_normal((n, *roots.shape[:3])))
 
-    def _total(self, scatter, coda):
+    def _total(self, scatter, coda, holes=0.0):
         """Return the covariance of each record, of the shape of the noise."""
         n = self.scatter.shape[-1]
         errors = scatter * self.scatter + coda * self.coda
         total = self.noise.copy()
+        if holes and self.paths is not None:
+            total += holes**2 * self.paths
         for c in range(3):
             each = slice(c * n, (c + 1) * n)
             total[..., each, each] += errors[:, :, c]

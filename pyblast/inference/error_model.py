@@ -11,7 +11,7 @@ from scipy import linalg, optimize
 from scipy.special import log_ndtr, logsumexp
 
 from .covariance import RecordBlocks, applied
-from .nuisances import GROUND, TRANSFER, Nuisances
+from .nuisances import GROUND, HOLES, TRANSFER, Nuisances
 
 NORMAL_95 = 1.6448536269514722  # quantile
 TINY = 1e-12  # of the information on a change that nuisances explain
@@ -29,6 +29,9 @@ class Level(NamedTuple):
         and a smooth transfer error that all blasts share.
     ground, nuisance : float
         Factors on the prior standard deviations of columns of ground, and of all others and these.
+    holes : float
+        Variation from hole to hole: root mean square of the log amplitude of a charge at a
+        receiver.
     """
 
     scatter: float
@@ -36,10 +39,12 @@ class Level(NamedTuple):
     transfer: float = 0.0
     ground: float = 1.0
     nuisance: float = 1.0
+    holes: float = 0.0
 
     def scale(self, groups: Sequence[str]) -> np.ndarray:
         """Return the factor on the columns of groups, (n_columns,)."""
-        own = {TRANSFER: np.sqrt(self.transfer), GROUND: self.ground * self.nuisance}
+        own = {TRANSFER: np.sqrt(self.transfer), GROUND: self.ground * self.nuisance,
+               HOLES: self.holes}  # fmt: skip
         return np.array([own.get(group, self.nuisance) for group in groups])
 
 
@@ -51,6 +56,7 @@ class Levels(NamedTuple):
     transfer: tuple[float, ...] = (0.0,)
     ground: tuple[float, ...] = (1.0,)
     nuisance: tuple[float, ...] = (1.0,)
+    holes: tuple[float, ...] = (0.0,)
 
 
 @dataclass(frozen=True, eq=False)
@@ -256,7 +262,8 @@ class Scores:
 class _Whitened(NamedTuple):
     """Columns at a level of the errors of each record, which need no elimination.
 
-    ``roots`` (n_blasts, n_receivers, m, m) whiten records; ``log_determinant`` is that of their
+    ``shares`` are those of scatter and coda, and the level of holes. ``roots`` (n_blasts,
+    n_receivers, m, m) whiten records; ``log_determinant`` is that of their
     covariance, each (n_blasts, n_receivers); ``columns`` (n_columns, n_blasts, n_receivers, m) are
     whitened, and ``products`` (n_columns, n_columns) those of all records.
     """
@@ -304,6 +311,8 @@ class ErrorModel:
     nuisances : Nuisances
         Columns of one prior standard deviation each; of group ``transfer`` at a level of one.
     levels : Levels
+    offset : (n_blasts, n_receivers, 3, n_functions) float64, m/s, optional
+        Mean error: change of motion around which columns are linear, less their own part.
     whole : ErrorModel, optional
         That of all records, of which this one leaves some out; see `without`.
     out : (n_blasts, n_receivers) bool, optional
@@ -318,6 +327,7 @@ class ErrorModel:
     blocks: RecordBlocks
     nuisances: Nuisances
     levels: Levels
+    offset: np.ndarray | float = 0.0
     whole: "ErrorModel | None" = None
     out: np.ndarray | None = None
 
@@ -343,7 +353,7 @@ class ErrorModel:
         posterior means and covariances are averaged by their evidence.
         """
         n, own = len(prior), slopes * prior[:, None, None, None, None]
-        results = []
+        residual, results = residual - self.offset, []
         for part in self._eliminated(np.concatenate([own, residual[None]])):
             information, along = part.products[:n, :n], part.products[:n, n:]
             (gain,), mean = _log_bayes(information, along)
@@ -382,7 +392,7 @@ class ErrorModel:
         residuals : (n_data, n_blasts, n_receivers, 3, n_functions) float64, m/s
         changes : sequence of n_changes Change
         """
-        rows = np.concatenate([*(change.shapes for change in changes), residuals])
+        rows = np.concatenate([*(change.shapes for change in changes), residuals - self.offset])
         ends = np.cumsum([0, *(len(change.shapes) for change in changes)])
         pairs, n = list(pairwise(ends)), ends[-1]
         bayes, means, by_level, at = [], [], [], []
@@ -428,7 +438,36 @@ class ErrorModel:
         moved = np.tensordot(
             rng.standard_normal((n, len(scale))) * scale, self.nuisances.columns, 1
         )
-        return moved + self.blocks.draws(rng, n, *at[:2]).reshape(moved.shape)
+        own = self.blocks.draws(rng, n, at.scatter, at.coda, at.holes)
+        return self.offset + moved + own.reshape(moved.shape)
+
+    def most_probable(self, residual: np.ndarray) -> tuple[Level, np.ndarray, np.ndarray]:
+        """Return the most probable level, the factors of all columns, and what remains.
+
+        Parameters
+        ----------
+        residual : (n_blasts, n_receivers, 3, n_functions) float64, m/s
+
+        Returns
+        -------
+        Level
+        (n_columns,) float64
+            Most probable there.
+        (n_blasts, n_receivers, 3 n_functions) float64, s/m
+            Records less these columns, by the inverse covariance of their errors.
+        """
+        row = (residual - self.offset)[None]
+        best = max(
+            self._eliminated(row), key=lambda each: -each.products[0, 0] - each.log_determinant
+        )
+        factors = best.at.scale(self.nuisances.groups) * linalg.solve_triangular(
+            best.root, best.across[:, 0], lower=True, trans=1, check_finite=False
+        )
+        rest = (row[0] - np.tensordot(factors, self.nuisances.columns, 1)).reshape(
+            self.blocks.noise.shape[:3]
+        )
+        roots, _ = self.blocks.roots(best.at.scatter, best.at.coda, best.at.holes)
+        return best.at, factors, applied(roots.swapaxes(-1, -2), applied(roots, rest))
 
     @cached_property
     def _whitened(self) -> list[_Whitened]:
@@ -437,7 +476,7 @@ class ErrorModel:
             return [self._left(each) for each in self.whole._whitened]
         shape, parts = self.blocks.noise.shape[:3], []
         columns = self.nuisances.columns.reshape(-1, *shape)
-        for shares in product(*self.levels[:2]):
+        for shares in product(self.levels.scatter, self.levels.coda, self.levels.holes):
             roots, log_determinant = self.blocks.roots(*shares)
             white = applied(roots, columns)
             flat = _flat(white)
@@ -463,7 +502,8 @@ class ErrorModel:
         for white in self._whitened:
             parts.append([])
             for each in factors:
-                at = Level(*white.shares, *each)
+                scatter, coda, holes = white.shares
+                at = Level(scatter, coda, *each, holes=holes)
                 scale = at.scale(groups)
                 inner = white.products * np.outer(scale, scale) + np.eye(len(scale))
                 root = linalg.cholesky(inner, lower=True, check_finite=False)

@@ -15,7 +15,7 @@ from .records import Band
 # blast at four cosines over log frequency; of ground between receivers, and frequencies.
 UNCORRECTED, SOURCE = 0.3, 0.01
 UNEVEN = {SPEED: 0.003, STIFFNESS: 0.05}
-GROUND, TRANSFER = "ground", "transfer"  # groups with levels of their own
+GROUND, TRANSFER, HOLES = "ground", "transfer", "holes"  # groups with levels of their own
 SCATTER = "scatter"
 # Of a survey that is designed, in s, rad or shares of the motion: theory.md (7.14), (7.16).
 DESIGN_LEVELS = {
@@ -106,7 +106,7 @@ def _only(motion, index):
     return column
 
 
-def _octave(n, n_padded, band):
+def octave(n: int, n_padded: int, band: Band) -> np.ndarray:
     """Return the place of each frequency in the band, 0 to 1, over the logarithm."""
     frequency = fft.rfftfreq(n_padded, band.dt)
     low = max(band.low, 1.0 / (n * band.dt))
@@ -343,11 +343,11 @@ def shaped(motion, band: Band, modes: Sequence[int], phases=(1.0,)) -> np.ndarra
     """
     n = np.shape(motion)[-1]
     n_padded = fft.next_fast_len(2 * n, real=True)
-    octave = _octave(n, n_padded, band)
+    octaves = octave(n, n_padded, band)
     spectrum = fft.rfft(motion, n_padded, axis=-1)
     return np.array([
         band.project(
-            fft.irfft(spectrum * np.cos(np.pi * mode * octave) * phase, n_padded, axis=-1)[..., :n]
+            fft.irfft(spectrum * np.cos(np.pi * mode * octaves) * phase, n_padded, axis=-1)[..., :n]
         )
         for mode in modes for phase in phases
     ])  # fmt: skip

@@ -1,6 +1,6 @@
 """Records on one sampling, their frequency band, and the noise in them."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -51,6 +51,11 @@ class Band:
     def functions(self, channel):
         """Return the functions of one channel (blast, receiver, component)."""
         return self.gapped.get(channel, self.basis)
+
+    def of_blast(self, blast: int) -> "Band":
+        """Return the band of the records of one blast alone."""
+        own = {(0, r, c): f for (b, r, c), f in self.gapped.items() if b == blast}
+        return replace(self, gapped=own)
 
     def project(self, motion):
         """Return the coefficients of motion in the band.

@@ -16,7 +16,7 @@ from ..blasts.blast import Blast
 from ..blasts.compliance import ComponentPeaks
 from ..blasts.hole_tables import read_blast
 from ..errors import InputError, PyblastError, ReadError
-from ..readers.cells import wanted_by
+from ..readers.cells import plain_word, wanted_by
 from ..readers.provenance import ReadLog
 from ..readers.tables import Table, read_table
 from ..recordings.recording import Recording, read_recording
@@ -24,6 +24,7 @@ from ..signals.spectra import zero_crossing_frequency
 
 TOLERANCE = 900.0  # s between a blast of the log and the trigger of an instrument
 HOUR, DAY = 3600.0, 86400.0
+BESIDE, EARTH = 50.0, 6.371e6  # m from a station to the place in a header; radius of the earth
 APART = 60.0  # s by which the nearest of two blasts must be nearer
 HOURS = (0, 1, -1, 2, -2, *range(3, 13), *range(-3, -13, -1))  # clocks in another time zone
 SURER, FEWEST = 1.5, 3  # times as many records as by its own time, and how many, that show it
@@ -85,12 +86,15 @@ class Station:
     position : tuple of 3 float, m
     trigger : float, m/s
         Below it nothing is recorded; NaN where it is not known.
+    geographic : tuple of 2 float, rad
+        Latitude and longitude; NaN where they are not known.
     """
 
     name: str
     serial: str
     position: tuple[float, float, float]
     trigger: float
+    geographic: tuple[float, float] = (math.nan, math.nan)
 
 
 @dataclass(frozen=True)
@@ -113,6 +117,8 @@ class RecordPeaks:
         Components that are dead or clipped.
     notes : tuple of str
         Of the reader.
+    geographic : tuple of 2 float, rad
+        Latitude and longitude of the header; NaN where it has none.
     """
 
     file: str
@@ -127,6 +133,7 @@ class RecordPeaks:
     features: tuple[float, ...]
     spoilt: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
+    geographic: tuple[float, ...] = (math.nan, math.nan)
 
     @property
     def largest(self) -> float:
@@ -213,7 +220,20 @@ def record_peaks(file: str, recording: Recording, notes: tuple[str, ...] = ()) -
         tuple(motion.components), tuple(map(float, motion.ppv)),
         tuple(map(float, zero_crossing_frequency(motion).hz)), float(motion.pvs),
         float(recording.peak_overpressure), tuple(map(float, features)), spoilt, notes,
+        _geographic(recording.header),
     )  # fmt: skip
+
+
+def _geographic(header: Mapping) -> tuple[float, float]:
+    """Return latitude and longitude of a header in rad; NaN where it has none, or zeros."""
+    known = {plain_word(key): str(value) for key, value in header.items()}
+    angles = []
+    for words in (("latitude", "gpslatitude", "lat"), ("longitude", "gpslongitude", "lon")):
+        text = next((known[word] for word in words if word in known), "")
+        match = re.fullmatch(r"\s*([NSEW]?)\s*([-+]?\d+\.\d+)\s*°?\s*([NSEW]?)\s*", text)
+        sign = -1.0 if match and {match[1], match[3]} & {"S", "W"} else 1.0
+        angles.append(math.nan if match is None else sign * math.radians(float(match[2])))
+    return (angles[0], angles[1]) if any(angles) else (math.nan, math.nan)
 
 
 def read_peaks(path: Path, name: str) -> list[RecordPeaks]:
@@ -304,7 +324,8 @@ def read_stations_of(path: Path, log: ReadLog | None = None) -> list[Station]:
     table = read_table(path, wanted_by("stations"), None, log, kind="table of stations")
     stations = [
         Station(_text(table, "name", k), _text(table, "serial", k), _position(table, k),
-                _value(table, "trigger", k))
+                _value(table, "trigger", k),
+                (_value(table, "latitude", k), _value(table, "longitude", k)))
         for k in range(len(table.lines))
     ]  # fmt: skip
     for line, station in zip(table.lines, stations, strict=True):
@@ -483,7 +504,7 @@ def _words(file):
 
 
 def _station_of(record, stations):
-    """Return the number of the station of a record: by serial number, else by names in its path."""
+    """Return the number of the station of a record: by serial number, path or coordinates."""
     by_serial = [n for n, s in enumerate(stations) if s.serial and s.serial == record.serial]
     if by_serial:
         return by_serial[0], ""
@@ -491,11 +512,21 @@ def _station_of(record, stations):
     named = [n for n, s in enumerate(stations) if s.name.casefold() in words]
     if len(named) == 1:
         return named[0], ""
+    away = [_metres(record.geographic, station.geographic) for station in stations]
+    if min(away) < BESIDE:
+        return int(np.argmin(away)), ""
     serial = f"serial number {record.serial!r}" if record.serial else "no serial number"
     known = ", ".join(s.name for s in stations[:6])
     return None, (
         f"has {serial}, and its path names {'several' if named else 'none'} of the stations {known}"
     )
+
+
+def _metres(first, second):
+    """Return the distance in m of two places by latitude and longitude; infinite where unknown."""
+    north, east = np.subtract(first, second)
+    metres = EARTH * math.hypot(north, east * math.cos(first[0]))
+    return math.inf if math.isnan(metres) else metres
 
 
 def _seconds(time):

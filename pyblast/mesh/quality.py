@@ -73,18 +73,11 @@ def refuse_beyond_memory(what: str, needed: float, remedy: str = REMEDY) -> None
         )
 
 
-def explicit_work(mesh: Mesh, speeds: np.ndarray | None = None) -> float:
+def explicit_work(mesh: Mesh) -> float:
     """Return the work in 1/m of an explicit run on hexahedra: nodes over the shortest distance.
 
     The distance of two neighbours along a line of nodes, under the least stretch of the mapping
     (smallest singular value of its Jacobian), sets the time step. Infinite for inverted zones.
-
-    Parameters
-    ----------
-    mesh : Mesh
-    speeds : (n_zones,) float64, m/s, optional
-        P speeds: the work is then nodes over the shortest time between neighbours, in 1/s. Zones
-        of no speed set no step.
     """
     if mesh.places is None:  # straight edges: the corners have the extremes
         ends = mesh.points[hexahedra.corner_neighbours(mesh.zones)]
@@ -95,8 +88,6 @@ def explicit_work(mesh: Mesh, speeds: np.ndarray | None = None) -> float:
         return float("inf")
     points, _ = hexahedra.lobatto(mesh.order)
     stretch = least_stretch(jacobian).reshape(len(mesh.zones), -1).min(axis=1)
-    if speeds is not None:
-        stretch = stretch[speeds > 0.0] / speeds[speeds > 0.0]
     return float(len(mesh.zones) * mesh.order**3 / ((points[1] - points[0]) * stretch.min()))
 
 

@@ -15,8 +15,8 @@ from .boundary import Boundary, SpongeLayer, StressInput, Viscous, check_boundar
 from .ground_fields import GroundField
 from .joint import Joint
 from .material import Branch, Damping, Material, ZoneLaw
-from .source import Source
-from .thin_layers import carried_by_thin_layers
+from .source import Column, Hole, MomentTensor, PointForce, Source
+from .thin_layers import carried_by_thin_layers, nearest_receiver
 
 HEX_NODES = 5.0  # of hexahedra per S wavelength, for an error of about one per cent
 
@@ -398,8 +398,21 @@ class Model:
     @cached_property
     def thin_layers(self) -> dict[str, float]:
         """Highest frequency in Hz that flat hexahedra of thin layers at the top carry."""
-        speeds = {group: self.materials[group].cs for group in self.mesh.groups}
-        return carried_by_thin_layers(self.mesh, speeds, self.edges_per_wavelength)
+        return carried_by_thin_layers(
+            self.mesh, self.materials, self.edges_per_wavelength, self._clearance()
+        )
+
+    def _clearance(self):
+        """Return the least distance in m of receivers from sources, zero from loads on surfaces."""
+        starts = []
+        for source in self.sources:
+            if isinstance(source, Column):
+                starts += [source.primed, source.end]
+            elif isinstance(source, Hole | PointForce | MomentTensor):
+                starts.append(source.position)
+            else:
+                return 0.0
+        return nearest_receiver(starts, [receiver.position for receiver in self.receivers])
 
     def doubles(self, boundary: StressInput) -> bool:
         """Return whether a stress input is doubled: as given, or if the surface is viscous."""

@@ -14,6 +14,7 @@ from ..mesh.hexahedra import face_nodes, face_shapes, face_slopes
 from ..mesh.mesh import Mesh, locate_in_zones, surface_faces, surface_zones
 from ..model.model import Model, Receiver, SpongeLayer
 from ..model.source import AirBlast, Column, Hole, MomentTensor, PointForce, Pressure, TimeFunction
+from ..model.thin_layers import nearest_receiver
 from ..solver.injection import near_receivers
 from ..solver.moment_density import near_sources
 from ..sources.shot import Shot
@@ -235,6 +236,18 @@ def survey_positions(project) -> np.ndarray:
 def longest_path(positions: np.ndarray) -> float:
     """Return the diagonal in m of what horizontal positions (n, 2) of a survey span."""
     return float(np.linalg.norm(np.ptp(positions, axis=0))) if len(positions) else 0.0
+
+
+def clearance_of(project, positions) -> float:
+    """Return the least horizontal distance in m of receivers from sources among positions by name.
+
+    Zero where loads on surfaces, of unknown places before there is a mesh, are sources, too.
+    """
+    if any(shot.config.pressures or shot.config.air_blast for shot in project.shots):
+        return 0.0
+    received = {name for name in positions if name.startswith("receivers.")}
+    starts = [at for name, at in positions.items() if name not in received]
+    return nearest_receiver(starts, [positions[name] for name in received])
 
 
 def radiating_positions(project) -> np.ndarray:

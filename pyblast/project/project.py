@@ -62,6 +62,7 @@ from .elastic_ground import ElasticGround, elastic_ground, with_elastic_ground
 from .places import (
     carried_frequency,
     check_absorbing_layer,
+    clearance_of,
     hole_positions,
     longest_path,
     make_absorbing_layer,
@@ -248,7 +249,8 @@ class Project:
         received = config.receivers or self.survey.receivers is not None
         moments = bool(config.holes_inside or config.moment_tensors)
         near = bool((moments or config.point_forces) and received)
-        return Stations(positions_of(self), self.reach, moments, near)
+        places = positions_of(self)
+        return Stations(places, self.reach, moments, near, clearance_of(self, places))
 
     @cached_property
     def sized(self) -> Ground:

@@ -23,6 +23,7 @@ from ..diagnosis.summary import (
     not_asked,
     not_computed,
     place_in_words,
+    residual_shown,
 )
 from ..diagnosis.thresholds import (
     DECISIVE,
@@ -98,7 +99,10 @@ def render_diagnosis(diagnosis: Diagnosed, summary: dict) -> str:
     lists = {"s": summary | {"assumed": [], "files_sha256": {}}, "far": FAR_FROM_PRIOR}
     with contained(failures, "page"):
         return page("diagnosis.html").render(
-            meanings=MEANINGS, place=place_in_words, failures=not_computed(failures), **lists,
+            meanings=MEANINGS,
+            place=place_in_words,
+            failures=not_computed(failures),
+            **lists,
             **parts,
         )
     with contained(failures, "lines"):
@@ -157,7 +161,9 @@ def lead(diagnosis: Diagnosed, summary: dict) -> str:
     """Return the result in a few sentences, which begin the page; suspected misfires first."""
     silent = summary["suspected_misfires"]
     first = f"Suspected misfires: {holes_in_words(silent)}. " if silent else ""
-    return first + _answer(diagnosis, summary)
+    vary = summary["holes_vary"]
+    last = f" {vary['words'][0].upper()}{vary['words'][1:]}." if vary else ""
+    return first + _answer(diagnosis, summary) + last
 
 
 def _answer(diagnosis, summary):
@@ -176,7 +182,11 @@ def _answer(diagnosis, summary):
         if not_asked(summary):
             which = f"every effect but {joined_by_and(list(not_asked(summary)))} was scored"
         if not summary["finished"]:
-            which = "the effects that the budget sufficed for were scored"
+            return (
+                "None of the effects that the budget sufficed for is above what the error "
+                "explains; more minutes may still show another. What would have been detected is "
+                "listed below."
+            )
         return (
             f"Nothing is missing that these records could show: {which}, and none is above what "
             "the error explains. What would have been detected is listed below."
@@ -501,6 +511,9 @@ def assumptions(diagnosis: Diagnosed, summary: dict) -> list[str]:
         "the outcome is NULL only if the "
         f"energy that remains of every receiver and every blast is below {MATERIAL:g} times the "
         f"usual one, and no calibrated value lies beyond {FAR_OFF:g} prior deviations.",
+        "Holes of one charge do not radiate alike: each charge, and its path to each receiver, has "
+        "a smooth filter of its own. How much these vary is learned before any effect is asked "
+        "for, and counts as usual.",
         f"The ground is made of {case.project.meshed.reason}{finer}.",
         "Attenuation of the reference site: "
         + ("none." if quality is None else f"Qp {quality[0]:g}, Qs {quality[1]:g}."),
@@ -542,13 +555,13 @@ def _map_figures(diagnosis, summary) -> Iterator[Figure]:
 
 def _rock_maps(diagnosis, summary) -> Iterator[Figure]:
     """Draw where in the rock a change would explain what remains."""
-    look = summary[_located_by(summary)]
+    look = summary[residual_shown(summary)]
     if look is None or look["cells"] is None:
         return
-    where = f"Most like a change at {joined_by_and([place_in_words(p) for p in look['points']])}."
-    if not look["points"]:
-        where = "No place is given: none explains enough, or too much of the ground would do."
-    beside = " beside the answer" if _located_by(summary) == "remainder" else ""
+    where = "No place is given: none explains enough, or too much of the ground would do."
+    if look["points"]:
+        where = f"Most like a change at {joined_by_and(list(map(place_in_words, look['points'])))}."
+    beside = " beside the answer" if residual_shown(summary) == "remainder" else ""
     yield (
         "Where in the rock",
         f"How well a soft or stiff body at each place explains the records{beside}: Δ ln evidence, "
@@ -595,13 +608,8 @@ def _targets(diagnosis):
 
 def _points(summary):
     """Return where residuals are located that the answer does not explain."""
-    located = summary[_located_by(summary)]
+    located = summary[residual_shown(summary)]
     return [] if located is None else located["points"]
-
-
-def _located_by(summary):
-    """Return which residual is located: that without effects, or that beside the answer."""
-    return "located" if summary["outcome"] in ("UNKNOWN", "CLASS") else "remainder"
 
 
 def _diagnosed(diagnosis):

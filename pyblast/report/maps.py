@@ -1,6 +1,5 @@
 """Maps and grids: the plan of a run, peak velocity over its surface, files for ParaView and GIS."""
 
-from contextlib import suppress
 from pathlib import Path
 from xml.sax.saxutils import quoteattr
 
@@ -9,8 +8,7 @@ from matplotlib.collections import LineCollection
 from matplotlib.patches import Rectangle
 from matplotlib.tri import Triangulation
 
-from ..errors import ReadError
-from ..files import write_text
+from ..files import replacing, write_text
 from ..mesh.faces import face_table, face_vectors, pair_faces, zone_of_face
 from ..mesh.hexahedra import face_nodes
 from ..mesh.mesh import zone_edge_lengths
@@ -482,15 +480,6 @@ def write_motion(folder, points, zones, snapshots):
 
 
 def _write(path, mesh):
-    """Write to a temporary file and rename it; `ReadError` if the path can't be written."""
-    path = Path(path)
-    beside = path.with_name(f".{path.stem}.part.vtu")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
+    """Write a mesh atomically; `ReadError` if the path can't be written."""
+    with replacing(Path(path)) as beside:
         mesh.write(beside, file_format="vtu")
-        beside.replace(path)
-    except OSError as error:
-        raise ReadError(f"{path}: can't be written ({error.strerror or error})") from None
-    finally:
-        with suppress(OSError):
-            beside.unlink()

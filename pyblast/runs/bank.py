@@ -19,7 +19,7 @@ DECAY = np.log(300.0)  # of the damped transform over its period
 LONGER = 1.05  # period over duration
 TAPER = 1.2, 1.6  # times the highest frequency of interest, between which spectra end
 TOGETHER = 48  # samples that are transformed at once
-MOST_BYTES = 2e9  # of the fields of a bank
+MOST_BYTES = 2e9  # of the fields of a bank and of the products of these in octants
 
 
 @dataclass(frozen=True)
@@ -210,7 +210,8 @@ def bank_of(
     transform = DampedTransform(duration, highest)
     zones, axes = _kept_zones(model), receiver_forces(model.receivers)
     nodes = np.unique(model.nodes.zone_nodes[zones])
-    needed = 24.0 * len(transform.s) * len(nodes) * (len(models) + len(axes))
+    both = 24.0 * (len(models) + len(axes)) + 3.0 * len(models) * len(axes)  # and of octants
+    needed = both * len(transform.s) * len(nodes)
     if needed > MOST_BYTES:
         raise InputError(
             f"bank: fields at {len(nodes)} nodes for {len(axes)} forces and {len(models)} shots "
@@ -218,9 +219,7 @@ def bank_of(
             "longer zones or fewer receivers"
         )
     tasks = [partial(_of_shot, each, duration, transform, nodes) for each in models]
-    tasks += [
-        partial(_of_force, model, duration, transform, nodes, n) for n in range(len(axes))
-    ]
+    tasks += [partial(_of_force, model, duration, transform, nodes, n) for n in range(len(axes))]
     waiting = tasks if executor is None else [executor.submit(task).result for task in tasks]
     fields = []
     for done, field in enumerate(waiting):

@@ -91,9 +91,13 @@ def _products(bank, weights) -> Iterator[tuple[slice, int, tuple]]:
             field = np.concatenate([bank.forces[:, k], bank.shots[:, k]])[:, rows]
             strain = _strains(field, inverse, bank.model.mesh.order)
             dilation = strain[..., :3].sum(axis=-1, keepdims=True)
-            yield own, k, tuple(
-                _in_octants(each[:n_forces], each[n_forces:] * scale, weights[own])
-                for each, scale in ((dilation, ONE), (strain, DOUBLED), (field, ONE))
+            yield (
+                own,
+                k,
+                tuple(
+                    _in_octants(each[:n_forces], each[n_forces:] * scale, weights[own])
+                    for each, scale in ((dilation, ONE), (strain, DOUBLED), (field, ONE))
+                ),
             )
 
 

@@ -18,7 +18,13 @@ from ..signals.seismogram import Seismogram
 from ..solver.assembly import time_step
 from ..solver.edge_springs import SAMPLE_BYTES, held_bytes, run_bytes
 from ..solver.hexahedra import in_layer
-from ..solver.line_implicit import line_groups, steps_of_gradients
+from ..solver.line_implicit import (
+    least_of_groups,
+    line_groups,
+    moduli_of,
+    step_with_lines,
+    steps_of_gradients,
+)
 from ..units import in_minutes, plain_number
 from .accuracy import held_shares
 from .recipe import (
@@ -30,6 +36,7 @@ from .recipe import (
     scaled,
     sized_by_blast,
     thin_layers,
+    whole_layers,
     with_edges,
 )
 
@@ -205,21 +212,14 @@ def _of_hexahedra(ground, stations, order, duration, step_factor):
     rocks = [ground.materials[part.material] for part in parts]
     names = list(dict.fromkeys(part.material for part in parts))
     group = np.array([names.index(part.material) for part in parts])
-    stiff = [1.0 + sum(branch.compression for branch in rock.law.branches) for rock in rocks]
-    moduli = np.array([rock.law.moduli(rock) for rock in rocks]).T * stiff
     steps = steps_of_gradients(
-        2.0 / np.array([part.edges for part in parts]), tuple(moduli),
+        2.0 / np.array([part.edges for part in parts]), moduli_of(rocks),
         np.array([rock.density for rock in rocks]), order,
     )  # fmt: skip
-    least = np.full((2, len(names)), np.inf)
-    for row, each in zip(least, steps, strict=True):
-        np.minimum.at(row, group, each)
-    zones = np.array([part.zones for part in parts])
-    cut = {name for part in ground.mesh.joint_sets for name in part.regions or names}
-    cut |= set(names) if ground.mesh.faults else set()
-    whole = np.array([name not in cut for name in names])
+    least, zones = least_of_groups(steps, group), np.array([part.zones for part in parts])
+    whole = whole_layers(ground, names)
     chosen = line_groups(*least, np.bincount(group, zones), lambda more: whole[more].all())
-    dt = SAFE * step_factor * min(least[0][~chosen].min(), least[1][chosen].min(initial=np.inf))
+    dt = SAFE * step_factor * step_with_lines(least, chosen)
     total, contacts = float(zones.sum()), _joint_area(ground) * order**2 / sizes[:, 0].min() ** 2
     counts = _Counts(
         order, total, total * order**3, contacts,

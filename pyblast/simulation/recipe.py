@@ -1,7 +1,7 @@
 """Recipe of a mesh: its elements and edges; spectral hexahedra where the ground allows it."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import chain, pairwise
@@ -23,8 +23,9 @@ from ..mesh.mesh import Mesh, zone_edge_lengths
 from ..mesh.quality import explicit_work
 from ..model.material import ConstantQ
 from ..model.model import HEX_NODES, Model
-from ..model.thin_layers import share_of_edge
+from ..model.thin_layers import reach_of_trapped_waves, share_of_edge
 from ..solver.injection import LOWEST_ORDER, injected_sources
+from ..solver.line_implicit import work_of_ground
 from ..solver.moment_density import edges_near
 
 ORDER = 5  # in a plain grid
@@ -92,12 +93,15 @@ class Stations:
         Whether some source has a moment.
     near : bool
         Whether receivers may stand near to sources inside.
+    clearance : float, m
+        Least horizontal distance of receivers from sources; zero where it is not known.
     """
 
     positions: dict[str, tuple[float, ...]]
     reach: float
     explosive: bool = False
     near: bool = False
+    clearance: float = 0.0
 
     @property
     def lowest_order(self) -> int:
@@ -568,11 +572,18 @@ def _sentence(mesh, how, reasons):
 
 def _work(ground, stations, mesh):
     """Return the work of a run: nodes over the step, which line-implicit layers do not set."""
-    thin = thin_layers(ground, stations)
-    if not thin:
-        return explicit_work(mesh)
-    speed = [0.0 if name in thin else ground.materials[name].cp for name in mesh.groups]
-    return explicit_work(mesh, np.array(speed)[mesh.zone_group])
+    work = explicit_work(mesh)
+    if not np.isfinite(work) or not thin_layers(ground, stations):
+        return work
+    whole = whole_layers(ground, mesh.groups)
+    return work_of_ground(mesh, ground.materials, lambda more: whole[more].all())
+
+
+def whole_layers(ground: Ground, names: Sequence[str]) -> np.ndarray:
+    """Return which grounds no joint or fault cuts, (n,) bool."""
+    cut = {name for part in ground.mesh.joint_sets for name in part.regions or names}
+    cut |= set(names) if ground.mesh.faults else set()
+    return np.array([name not in cut for name in names])
 
 
 def thin_layers(ground: Ground, stations: Stations) -> dict[str, float]:
@@ -586,9 +597,10 @@ def thin_layers(ground: Ground, stations: Stations) -> dict[str, float]:
     if top is None or not mesh.layers or mesh.file is not None:
         return {}
     surface = mesh.origin_m[2] + mesh.size_m[2]
-    relief = 0.0
+    highest = 0.0
     if ground.surface is not None:
-        relief = max(0.0, float(np.asarray(ground.surface)[..., 2].max()) - surface)
+        highest = max(0.0, float(np.asarray(ground.surface)[..., 2].max()) - surface)
+    relief = highest
     shares = {}
     for part in mesh.layers[:-1]:
         rock = ground.materials[part.material]
@@ -596,7 +608,9 @@ def thin_layers(ground: Ground, stations: Stations) -> dict[str, float]:
             break
         height += part.thickness_m
         periods += top * (part.thickness_m + relief) / rock.cs
-        relief, share = 0.0, share_of_edge(periods)
+        grounds = [ground.materials[name] for name in (*thin, part.material)]
+        beyond = stations.clearance > reach_of_trapped_waves(height + highest, grounds)
+        relief, share = 0.0, share_of_edge(periods, beyond)
         inside = stations.highest_source > surface - height
         if not share or inside or names.count(part.material) > 1:
             break

@@ -1,12 +1,14 @@
 """Line-implicit layers: thin layers of hexahedra, implicit along their lines of nodes."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from ..mesh import hexahedra
+from ..mesh.mesh import Mesh
+from ..model.material import Material
 from ..model.model import Model
 from .hexahedra import ACROSS, in_layer, layer_lags, without_layer
 from .implicit_zones import cluster_arrays, clusters_of, moved_nodes, no_implicit_zones
@@ -54,20 +56,19 @@ def largest_on_line(order: int) -> float:
     return float(np.linalg.eigvalsh(stiffness / np.outer(root, root))[-1])
 
 
-def _gradients(model, zones):
+def _gradients(mesh, zones=slice(None)):
     """Return the lengths (n, 3) of the gradients of the coordinates of zones in 1/m, the most."""
-    mesh = model.mesh
     if mesh.places is None:  # straight edges: the corners have the extremes
         jacobian = hexahedra.jacobians(mesh.points[mesh.zones[zones]], 1)
     else:
-        jacobian = model.spectral.jacobian[zones]
+        jacobian = hexahedra.jacobians(mesh.places[zones], mesh.order)
     return np.linalg.norm(np.linalg.inv(jacobian), axis=-1).max(axis=1)
 
 
 def steps_of_zones(model: Model) -> tuple[np.ndarray, np.ndarray]:
     """Return the bounds `steps_of_gradients` of all zones of a model, (n_zones,) s."""
     moduli, density = model.stiffest_moduli(), model.zone_values("density")
-    return steps_of_gradients(_gradients(model, slice(None)), moduli, density, model.mesh.order)
+    return steps_of_gradients(_gradients(model.mesh), moduli, density, model.mesh.order)
 
 
 def steps_of_gradients(
@@ -99,6 +100,54 @@ def steps_of_gradients(
     return 2.0 / np.sqrt(whole), 2.0 / np.sqrt(across / SHARE)
 
 
+def work_of_ground(
+    mesh: Mesh, grounds: dict[str, Material], whole: Callable[[np.ndarray], bool]
+) -> float:
+    """Return the work of a run in 1/s: nodes over the step, which line-implicit layers do not set.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        Hexahedra, not split.
+    grounds : dict of str to Material
+        By group.
+    whole : callable
+        ``(groups) -> bool``: whether lines across these serve.
+    """
+    rocks = [grounds[name] for name in mesh.groups]
+    bounds = steps_of_gradients(
+        _gradients(mesh), moduli_of(rocks)[:, mesh.zone_group],
+        np.array([rock.density for rock in rocks])[mesh.zone_group], mesh.order,
+    )  # fmt: skip
+    least = least_of_groups(bounds, mesh.zone_group)
+    count = np.bincount(mesh.zone_group, minlength=len(rocks))
+    chosen = line_groups(*least, count, whole)
+    more = 1.0 + NODE_COST * count[chosen].sum() / count.sum()
+    return more * len(mesh.zones) * mesh.order**3 / step_with_lines(least, chosen)
+
+
+def moduli_of(rocks: Sequence[Material]) -> np.ndarray:
+    """Return the stiffest Lame moduli (2, n) in Pa of grounds, as far as their Q changes them."""
+    stiff = [1.0 + sum(branch.compression for branch in rock.law.branches) for rock in rocks]
+    return np.array([rock.law.moduli(rock) for rock in rocks]).T * stiff
+
+
+def step_with_lines(least: np.ndarray, chosen: np.ndarray) -> float:
+    """Return the least step in s of groups of which some are line-implicit.
+
+    ``least`` (2, n_groups) are those of `line_groups`, ``chosen`` (n_groups,) bool.
+    """
+    return float(min(least[0][~chosen].min(), least[1][chosen].min(initial=np.inf)))
+
+
+def least_of_groups(bounds: Sequence[np.ndarray], group: np.ndarray) -> np.ndarray:
+    """Return the least (2, n_groups) of two bounds (n_zones,) of zones by their groups."""
+    least = np.full((2, int(group.max()) + 1), np.inf)
+    for row, steps in zip(least, bounds, strict=True):
+        np.minimum.at(row, group, steps)
+    return least
+
+
 def line_zones(model: Model, bounds: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
     """Return which zones a run takes implicitly along their lines, (n_zones,) bool.
 
@@ -107,9 +156,7 @@ def line_zones(model: Model, bounds: tuple[np.ndarray, np.ndarray]) -> np.ndarra
     group, n_groups = model.mesh.zone_group, len(model.mesh.groups)
     if n_groups < 2:
         return np.zeros(len(group), dtype=bool)
-    least = np.full((2, n_groups), np.inf)
-    for row, steps in zip(least, bounds, strict=True):
-        np.minimum.at(row, group, steps)
+    least = least_of_groups(bounds, group)
     count = np.bincount(group, minlength=n_groups)
     return line_groups(*least, count, lambda chosen: _upright(model, chosen[group]))[group]
 
@@ -138,7 +185,7 @@ def line_groups(
     for number in np.argsort(explicit)[:-1]:
         more = chosen.copy()
         more[number] = True
-        step = min(explicit[~more].min(), implicit[more].min())
+        step = step_with_lines(np.array([explicit, implicit]), more)
         gain = step / (1.0 + NODE_COST * count[more].sum() / count.sum())
         if gain <= best or not upright(more):
             break
@@ -165,7 +212,7 @@ def _line_nodes(model, zones):
     Namely the numbers (n_zones, n) of its nodes, line after line, and its thin axis (n_zones,).
     """
     size = model.mesh.order + 1
-    thin = _gradients(model, zones).argmax(axis=1)
+    thin = _gradients(model.mesh, zones).argmax(axis=1)
     number = np.arange(size**3).reshape(size, size, size)
     turns = np.array([np.moveaxis(number, 2 - axis, 2).ravel() for axis in range(3)])[thin]
     nodes = np.take_along_axis(model.spectral.zone_nodes[zones], turns, axis=1)

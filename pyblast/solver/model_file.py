@@ -1,7 +1,6 @@
 """HDF5 files of named arrays: model files, checkpoints, results; written atomically."""
 
 import os
-from contextlib import suppress
 from io import FileIO
 from pathlib import Path
 from typing import Any
@@ -11,6 +10,7 @@ import numpy as np
 
 from .. import core
 from ..errors import InputError, ReadError
+from ..files import replacing
 
 SCHEMA = 1
 MAX_BYTES = 16 * 2**30
@@ -38,23 +38,13 @@ def write_arrays(
         Attributes of arrays, by "group/name".
     """
     path, array_attributes = Path(path), array_attributes or {}
-    beside = path.with_name(f".{path.name}.{os.getpid()}.part")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with _Storage(beside, "w+") as storage:
-            try:
-                _write_groups(storage, groups, attributes, array_attributes)
-            finally:
-                if storage.error is not None:
-                    raise storage.error
-            os.fsync(storage.fileno())
-        beside.replace(path)
-    except OSError as error:
-        reason = os.strerror(error.errno) if error.errno else error  # that of HDF5 is a paragraph
-        raise ReadError(f"{path}: can't be written ({reason})") from None
-    finally:
-        with suppress(OSError):
-            beside.unlink()
+    with replacing(path) as beside, _Storage(beside, "w+") as storage:
+        try:
+            _write_groups(storage, groups, attributes, array_attributes)
+        finally:
+            if storage.error is not None:
+                raise storage.error
+        os.fsync(storage.fileno())
 
 
 def _write_groups(storage, groups, attributes, array_attributes):

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from functools import cache
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -13,6 +14,8 @@ from ..mesh.spectral_nodes import SpectralNodes
 from ..model.model import Model
 from ..model.source import Column, Hole, MomentTensor, PointForce, TimeFunction
 
+MOST_SPHERES = 500  # holes and points of columns
+_AVERAGES: WeakKeyDictionary = WeakKeyDictionary()  # of spheres, by mesh
 # Radius, where nothing is near, and least radius, beyond nearer faces the density is cut off: over
 # the shortest edge of hexahedra, over the mean edge of quadratic and linear tetrahedra.
 RADII = {"hexahedra": (0.6, 0.1), "quadratic": (0.8, 0.4), "linear": (1.0, 1.0)}
@@ -351,8 +354,23 @@ def moment_forces(
     return nodes.zone_nodes[used].ravel(), (gradients @ tensor).reshape(-1, 3)
 
 
-def _averaged_slopes(nodes, zone, position, radius, flat):
-    """Return zones (n,) and the averages over a sphere of the slopes of their shape functions."""
+def _averaged_slopes(nodes, *sphere):
+    """Return zones (n,) and the averages over a sphere of the slopes of their shape functions.
+
+    Those of `MOST_SPHERES` are kept beside the mesh, which the models of a fit share.
+    """
+    known = _AVERAGES.setdefault(nodes.mesh, {})
+    zone, position, radius, flat = sphere
+    key = nodes.quadratic, int(zone), *map(float, position), float(radius), flat
+    if key not in known:
+        if len(known) >= MOST_SPHERES:
+            known.clear()
+        known[key] = _average(nodes, *sphere)
+    return known[key]
+
+
+def _average(nodes, zone, position, radius, flat):
+    """Return what `_averaged_slopes` keeps."""
     mesh, position = nodes.mesh, np.asarray(position, dtype=float)
     offsets, weight = sphere_rule(flat)
     own = _own_ground(mesh, zone, position, radius)

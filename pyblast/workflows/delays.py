@@ -337,6 +337,16 @@ def _level_errors(project):
     ]  # fmt: skip
 
 
+def _variation(table, plan):
+    """Return how much holes vary, and the width of the 90 % band with and without, of the best.
+
+    The width is the upper over the lower end, the median of the houses.
+    """
+    pairs = {"band_90": plan.after.band(0.9), "band_90_without": plan.alike.band(0.9)}
+    widths = {name: float(np.median(high / low)) for name, (low, high) in pairs.items()}
+    return {"charge_percent": table.charge_percent, **widths}
+
+
 def summarise_delays(project: Project, plan: DelayPlan, pattern: np.ndarray) -> dict:
     """Return the plain numbers of a delay plan; ``pattern`` (n_holes, 2) delays before a hole."""
     (table, blast), gained = _settings(project), plan.gain
@@ -393,6 +403,7 @@ def summarise_delays(project: Project, plan: DelayPlan, pattern: np.ndarray) -> 
             }
             for k, house in enumerate(table.houses)
         ],
+        "variation": _variation(table, plan),
         "tried": plan.best.tried,
         "files_sha256": files,
         "provenance": versions(input_hash("delays", files)),

@@ -23,7 +23,9 @@ from ..line_records.forecasts import BAND, StatisticalLimit, forecasts, share_in
 from ..line_records.monitoring import (
     FEATURES,
     Joined,
+    LoggedBlast,
     RecordPeaks,
+    Station,
     joined,
     read_log,
     read_peaks,
@@ -42,6 +44,7 @@ READING = ("recordings", "readers", "signals", "line_records")  # code on which 
 TABLES = (".csv", ".txt", ".xlsx", ".xlsm")
 KEEP_EVERY = 50  # files after which what was parsed is kept
 FAR, FEWEST = 4.0, 6  # robust standard deviations beyond which one of so many records is named
+FARTHEST = 1e5  # m from a blast to the nearest station
 DAYS = 365.25  # of a year
 NORMAL_MAD = 1.4826  # standard deviation of a normal law over its median absolute deviation
 
@@ -98,7 +101,9 @@ def learn_site(
     tables = [_table_of(folder, name) for name in ("blasts", "stations")]
     blasts, stations = read_log(tables[0], log), read_stations_of(tables[1], log)
     used = {*tables, *(folder / blast.holes for blast in blasts if blast.holes)}
-    records, skipped, digest = _parsed(folder, out, used, tell)
+    _refuse_far_blasts(tables[0].name, blasts, stations)
+    runs = _runs(folder)
+    records, skipped, digest = _parsed(folder, out, used, runs, tell)
     site = joined(blasts, stations, records)
     if not site.records:
         reasons = [f"{file}: {reason}" for file, reason in [*site.unjoined, *skipped][:3]]
@@ -119,7 +124,7 @@ def learn_site(
         ],
         "law": law_of(site, 0.5, "largest"),
         "air_law": law_of(site, 1.0 / 3.0, "overpressure"),
-        **_learned(site, limit_curve, _predicted(site, folder, _runs(folder))),
+        **_learned(site, limit_curve, _predicted(site, folder, runs)),
         "projects": _projects(folder),
         "statistical": None if statistical is None else asdict(statistical) | {
             "stations": _judged(site, statistical)
@@ -136,6 +141,17 @@ def learn_site(
     return summary, out
 
 
+def _refuse_far_blasts(where: str, blasts: list[LoggedBlast], stations: list[Station]) -> None:
+    """Raise InputError where a blast lies too far from all stations to be of their site."""
+    for blast in blasts:
+        near = min(math.dist(blast.position, station.position) for station in stations)
+        if near > FARTHEST:
+            raise InputError(
+                f"{where}, blast {blast.name!r}: lies {1e-3 * near:.3g} km from the nearest "
+                "station; look at its coordinates, their unit, and those of the stations"
+            )
+
+
 def _table_of(folder: Path, name: str) -> Path:
     """Return the table of a name in a folder."""
     paths = [folder / f"{name}{ending}" for ending in TABLES]
@@ -147,10 +163,10 @@ def _table_of(folder: Path, name: str) -> Path:
     return paths[0]
 
 
-def _parsed(folder: Path, out: Path, used: set[Path], tell: Progress):
+def _parsed(folder: Path, out: Path, used: set[Path], runs: list[dict], tell: Progress):
     """Return the peaks of all records, refused files with reasons, and the hash of all files."""
     ours = {out.resolve(), (folder / OUT).resolve()}
-    ours |= {path.parent.resolve() for path in folder.rglob("summary.json")}  # of runs
+    ours |= {run["folder"].resolve() for run in runs}
     paths = [
         path for path in sorted(folder.rglob("*"))
         if path.is_file() and path not in used and ours.isdisjoint(path.resolve().parents)
@@ -308,8 +324,9 @@ def _outliers(site, law, peak, distance, charge) -> list[dict]:
 def _runs(folder: Path) -> list[dict]:
     """Return the runs of projects in a folder, the latest last.
 
-    Each has the hashes of its ``files``, ``peaks`` by receiver: log10 of the largest component in
-    m/s and of its frequency, and with one hole ``hole`` by receiver: file, charge, distance.
+    Each has its ``folder``, hashes of its ``files``, ``peaks`` by receiver: log10 of the largest
+    component in m/s and of its frequency, and with one hole ``hole`` by receiver: file, charge,
+    distance.
     """
     runs = []
     for path in sorted(folder.rglob("summary.json")):
@@ -317,6 +334,7 @@ def _runs(folder: Path) -> list[dict]:
             run = json.loads(path.read_text(encoding="utf-8"))
             rows, holes = run["receivers"], run["sources"]["holes"]
             runs.append({
+                "folder": path.parent,
                 "files": set(run["files_sha256"].values()),
                 "peaks": {name: _log_peak(row["simulated"]) for name, row in rows.items()},
                 "hole": {} if len(holes) != 1 else {

@@ -6,12 +6,14 @@ import pytest
 
 from pyblast import Seismogram
 from pyblast.blasts.compliance import (
+    ComponentPeaks,
     assess,
     assess_all,
     compliance_csv,
     conclusion,
     explain,
     free_field,
+    peaks_under,
     share_at_level,
 )
 from pyblast.blasts.peaks import PeaksOfLaw
@@ -34,6 +36,30 @@ def test_the_component_nearest_to_its_limit_counts_not_the_largest():
     assert row.quantity == motion.components[1]
     assert row.limit == pytest.approx(0.005)
     assert row.share == pytest.approx(motion.ppv[1] / 0.005)
+
+
+def test_a_quantity_limits_its_own_components_and_the_sum_has_the_frequency_of_the_largest():
+    peaks = ComponentPeaks(("east", "north", "vertical"), (2.0, 3.0, 5.0), (8.0, 9.0, 30.0), 6.0)
+
+    assert peaks_under(peaks, "horizontal component") == [("east", 2.0, 8.0), ("north", 3.0, 9.0)]
+    assert peaks_under(peaks, "vertical component") == [("vertical", 5.0, 30.0)]
+    assert len(peaks_under(peaks, "peak component")) == 3
+    ((_, size, hz),) = peaks_under(peaks, "vector sum")
+    assert (size, hz) == (6.0, 30.0)
+
+
+def test_a_transfer_to_a_building_concerns_what_is_simulated_alone():
+    key = next(key for key in load_limits() if free_field([key], ["R1"]) is not None)
+    motion = sines((0.004, 10.0), (0.003, 10.0), (0.001, 10.0))
+    motions = {kind: {"R1": motion} for kind in ("recorded", "simulated")}
+
+    def peaks(**more):
+        return {row.kind: row.peak for row in assess_all(motions, {}, [key], **more)}
+
+    plain, moved = peaks(), peaks(transfers={"R1": 2.5})
+
+    assert moved["recorded"] == plain["recorded"]
+    assert moved["simulated"] == pytest.approx(2.5 * plain["simulated"])
 
 
 def test_the_share_is_proportional_to_the_motion():

@@ -48,6 +48,15 @@ def test_share_and_charge_invert_the_level(share):
         assert law.peak(120.0, 60.0).charge_below(limit, share) == pytest.approx(60.0, rel=1e-4)
 
 
+def test_the_allowed_charge_raises_the_level_to_the_limit_by_its_power():
+    known = PeaksOfLaw(0.010, 0.2, 0.25, charge=40.0, exponent=0.8)
+
+    allowed = known.charge_below(0.015)
+
+    grown = PeaksOfLaw(0.010 * (allowed / 40.0) ** 0.8, 0.2, 0.25)
+    assert grown.level(0.95) == pytest.approx(0.015, rel=1e-12)
+
+
 def test_few_degrees_of_freedom_need_more_room_above_than_below_the_median_alike():
     few, many = PeaksOfLaw(0.01, 0.2, 0.2, 3.0), PeaksOfLaw(0.01, 0.2, 0.2)
 

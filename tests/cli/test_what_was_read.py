@@ -46,7 +46,7 @@ def test_the_reason_why_a_text_file_is_no_record_is_given(tmp_path):
     done = call("records", folder, "--verbose")
 
     assert "- shed.txt: line 309, column 'vertical': expected a number, got 'OVR'" in done.output
-    assert "notes.txt" not in done.output
+    assert "- notes.txt: is none of INSTANTEL_ASCII" in done.output
     assert "vertical: column 2, mm/s, factor 0.001" in done.output
     result = tmp_path / "records_analysis" / "001"
     (mill,) = json.loads((result / "records.json").read_text())["inputs"]

@@ -6,10 +6,11 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from small_fits import fits, with_holes
+from small_fits import LOUD, SLOW, fits, with_holes
 from small_site import recorded, scene_of, small_site
 
 import pyblast.diagnosis.library  # noqa: F401  fills the library
+from pyblast.diagnosis import decision
 from pyblast.diagnosis.cross_validation import CrossValidation, cross_validate
 from pyblast.diagnosis.decision import (
     RESOLUTION,
@@ -18,13 +19,16 @@ from pyblast.diagnosis.decision import (
     decide,
     intervals,
     on_finer_mesh,
+    open_set_ratio,
 )
 from pyblast.diagnosis.effects import Effect
 from pyblast.diagnosis.fitting import fit
 from pyblast.diagnosis.forward import simulation_of
 from pyblast.diagnosis.hypotheses import LIBRARY
+from pyblast.diagnosis.scores import SiteScores
 from pyblast.diagnosis.search import Search, material
-from pyblast.diagnosis.thresholds import MATERIAL, MESH_CHANGE
+from pyblast.diagnosis.thresholds import MATERIAL, MESH_CHANGE, OPEN_SET
+from pyblast.model.ground_fields import Body
 
 
 def test_an_effect_beside_another_is_tested_on_its_own_folds():
@@ -252,3 +256,35 @@ def test_a_set_of_effects_counts_once_whichever_was_found_first(turn):
 
     assert [one.effects for one in found.fits] == [both.effects]
     assert found.fits[0].alternatives == ()
+
+
+def searched(here, none, *found):
+    """Return a search with scores of no class, of fits with the last one chosen."""
+    return Search(
+        here, lambda *_: None, none, list(found[::-1]), found[-1], scores=SiteScores(here, (), 1)
+    )
+
+
+def test_a_clock_and_a_charge_explain_more_than_sources_anywhere_in_the_ground():
+    here, none, slow, loud, both = fits()
+    for chosen in (slow, loud, both):
+        assert open_set_ratio(searched(here, none, chosen), chosen) > 1.0
+
+
+def test_a_body_that_no_clock_explains_is_outside_of_what_is_known():
+    body = Body((85.0, 45.0, -20.0), -0.5, 15.0)
+    here = with_holes(scene_of(recorded(small_site(), small_site().changed(fields=(body,)))))
+    none, slow, loud = (fit(here, some) for some in ((), (SLOW,), (LOUD,)))
+    for chosen in (slow, loud):
+        assert open_set_ratio(searched(here, none, chosen), chosen) < OPEN_SET
+
+
+@pytest.mark.parametrize(("ratio", "outcome"), [(0.2, "UNKNOWN"), (0.4, "COMPOSITE")])
+def test_a_cause_outside_of_the_library_is_unknown(monkeypatch, ratio, outcome):
+    monkeypatch.setattr(decision, "open_set_ratio", lambda *_: ratio)
+    here, none, slow, loud, both = fits()
+
+    answer = decide(Search(here, lambda *_: None, none, [both, loud, slow], both))
+
+    assert (answer.outcome, answer.open_set) == (outcome, ratio)
+    assert answer.best.where == both.where

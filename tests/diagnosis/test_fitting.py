@@ -25,7 +25,7 @@ def fitter(thickest, thinnest=0.0):
 
     baseline = SimpleNamespace(sigma=np.zeros(0), slopes=np.zeros((0,)))
     scene = SimpleNamespace(
-        case=None, baseline=baseline, simulate=simulate, error=None,
+        unplanned=0.0, case=None, baseline=baseline, simulate=simulate, error=None,
         received=lambda motion, _: motion, contained=lambda _: nullcontext(),
     )  # fmt: skip
     return Fitter(scene, (Effect("soft_surface_layer", "", ((7.0,), (0.4,))),), np.zeros(0))

@@ -9,7 +9,7 @@ from small_site import DT, recorded, small_site, with_records
 
 from pyblast.diagnosis.case import case_of
 from pyblast.diagnosis.forward import simulation_of
-from pyblast.diagnosis.mistakes import changed_records, mistakes_of
+from pyblast.diagnosis.mistakes import Mistake, changed_records, mistakes_of, plainest_act
 from verification.mistakes import AT_A_RECEIVER, is_right, rewritten
 
 
@@ -125,3 +125,18 @@ def test_a_wrong_plan_of_a_blast_is_named_by_runs_of_others(plan, kind):
     there = mended.blasts["B1"]
     np.testing.assert_allclose(there.times, own.times)
     np.testing.assert_allclose(there.collar, own.collar, atol=1.0)
+
+
+def offered(target, act, after):
+    return Mistake("components", target, act, 0.5, after, lambda project: project)
+
+
+def test_the_act_that_mends_most_is_named_unless_another_mends_nearly_as_well():
+    swap, turn = offered("R1", "swap", 0.98), offered("R1", "turn", 0.9)
+    nearly, other = offered("R1", "reverse", 0.975), offered("R2", "swap", 0.976)
+
+    assert plainest_act([turn, swap]) is swap
+    assert plainest_act([turn, swap, other]) is swap
+    assert plainest_act([nearly, swap]) is None
+    assert plainest_act([nearly, swap, other]) is other
+    assert plainest_act([]) is None

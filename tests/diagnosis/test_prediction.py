@@ -8,8 +8,9 @@ import pytest
 from small_site import holes, recorded, small_site
 
 import pyblast.diagnosis.library  # noqa: F401  fills the library
+from pyblast.diagnosis import effects
 from pyblast.diagnosis.effects import Effect, at_further, predict
-from pyblast.diagnosis.hypotheses import LIBRARY
+from pyblast.diagnosis.hypotheses import LIBRARY, patterns_of
 from pyblast.project.places import NEAR
 from pyblast.simulation.simulation import Simulation
 
@@ -17,8 +18,8 @@ AIR = Effect("air_blast", "", ((800.0,), (0.05,), (340.0,), (1.1,), (1.0,)))
 SOFT = Effect("soft_surface_layer", "", ((5.0,), (0.4,)))
 
 
-@pytest.mark.parametrize("effects", [(AIR,), (SOFT, AIR)])
-def test_an_air_blast_moves_the_ground_that_it_was_fitted_on(monkeypatch, effects):
+@pytest.mark.parametrize("acting", [(AIR,), (SOFT, AIR)])
+def test_an_air_blast_moves_the_ground_that_it_was_fitted_on(monkeypatch, acting):
     case = recorded(small_site())
     still = np.zeros((1, *case.motion.shape[1:]))
     fitted, none = SimpleNamespace(case=case), np.zeros_like(case.motion)
@@ -26,7 +27,7 @@ def test_an_air_blast_moves_the_ground_that_it_was_fitted_on(monkeypatch, effect
     monkeypatch.setattr(Simulation, "motion", lambda *_: still)
 
     values = [0.1, -0.1, 0.2, 0.0]
-    foretold = predict(case, case.project.blasts["B1"], values, effects)
+    foretold = predict(case, case.project.blasts["B1"], values, acting)
 
     np.testing.assert_array_equal(foretold, moved[case.blasts.index("B1")])
 
@@ -48,3 +49,21 @@ def test_a_receiver_left_out_near_a_hole_is_predicted_where_the_next_blast_is_fa
     names = at_further(fitted, holes([[east, north]], [10.0], [0.0])).receivers
 
     assert names == (("R0", "R1", "R2", "R3") if there else ("R0", "R1", "R3"))
+
+
+def test_what_was_learned_of_holes_scales_each_hole_of_a_further_blast(monkeypatch):
+    case = recorded(small_site())
+    blast = holes([[30.0, 30.0], [34.0, 36.0]], [20.0, 80.0], [0.0, 0.04])
+    still = np.zeros((1, *case.motion.shape[1:]))
+    own = np.random.default_rng(1).standard_normal((2, *case.motion.shape[1:]))
+    monkeypatch.setattr(Simulation, "motion", lambda *_: still)
+    monkeypatch.setattr(effects, "hole_motion", lambda *_: {effects.FURTHER: own})
+    steeper = Effect("charge_exponent", "", ((0.5,),))
+
+    foretold = predict(case, blast, np.zeros(4), (steeper,))
+
+    reference = patterns_of(case)[0].reference
+    factor = (np.array([20.0, 80.0]) / reference) ** 0.5 - 1.0
+    late = np.roll(own[1], round(0.04 / case.dt), axis=-1)
+    late[..., : round(0.04 / case.dt)] = 0.0
+    np.testing.assert_allclose(foretold, factor[0] * own[0] + factor[1] * late, atol=1e-9)

@@ -28,6 +28,7 @@ PULSE = TimeFunction(np.ones(3), 0.1)
         ("density_kg_per_m3", 2660.0, "density", 2660.0),
         ("cohesion_kpa", 376.0, "cohesion", 376e3),
         ("delay_ms", 40.0, "delay", 0.04),
+        ("viscosity_mpa_s_per_m", 2.0, "viscosity", 2e6),
         ("depth_ft", 10.0, "depth", 3.048),
         ("charge_lb", 1.0, "charge", 0.45359237),
         ("damping_percent", 1.12, "damping", 0.0112),

@@ -2,6 +2,7 @@
 
 import time
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import openpyxl
@@ -15,9 +16,11 @@ from pyblast.line_records.monitoring import (
     features_of,
     joined,
     read_log,
+    read_peaks,
     read_stations_of,
 )
 
+ROOT = Path(__file__).parents[2]
 STATIONS = [
     Station("farm", "BE1", (0.0, 0.0, 0.0), 5e-4),
     Station("mill", "", (9.0, 0.0, 0.0), np.nan),
@@ -49,6 +52,29 @@ def test_records_join_by_serial_number_or_name_and_the_nearest_time():
     }  # fmt: skip
     assert not found.unjoined
     assert found.distance[0].tolist() == [100.0, 91.0]
+
+
+def test_a_record_joins_by_the_coordinates_of_its_header(tmp_path):
+    text = (ROOT / "examples" / "site" / "quarry" / "records" / "farm_01.csv").read_text()
+    head, rest = text.split('"Event Time"')
+    records = []
+    for name, latitude in (("near", "51.50031"), ("far", "51.512"), ("none", "0.0")):
+        lines = (
+            f'"Latitude","{latitude}"\n"Longitude","{"-0.1200" if latitude[0] == "5" else "0.0"}"\n'
+        )
+        path = tmp_path / f"{name}.csv"
+        path.write_text(head.replace("BE4711", "X1") + lines + '"Event Time"' + rest)
+        records += read_peaks(path, path.name)
+    table = tmp_path / "stations.csv"
+    table.write_text(
+        "name,x (m),y (m),latitude,longitude\nfarm,0,0,51.5,-0.12\nmill,9,9,51.49,-0.12\n"
+    )
+    log = [blast("B1", records[0].time)]
+
+    result = joined(log, read_stations_of(table), records)
+
+    assert {key: row.file for key, row in result.records.items()} == {(0, 0): "near.csv"}
+    assert [file for file, _ in result.unjoined] == ["far.csv", "none.csv"]
 
 
 def test_a_record_that_belongs_to_no_blast_says_why():

@@ -120,6 +120,20 @@ def test_a_moment_tensor_is_a_difference_of_forces():
     assert alone == pytest.approx(expected, abs=1e-3 * np.abs(expected).max())
 
 
+def test_points_of_a_column_add_up_each_with_its_delay():
+    depths, delays = np.array([10.0, 14.0, 18.0]), np.array([0.0, 0.02, 0.04])
+    places = np.array([40.0]), np.array([5.0])
+
+    column = reflected_waves(RATE, depths, *places, TIMES, ROCK, delays=delays)
+
+    parts = [
+        reflected_waves(RATE, depth, *places, TIMES - late, ROCK)
+        for depth, late in zip(depths, delays, strict=True)
+    ]
+    wanted = np.mean(parts, axis=0)
+    assert column == pytest.approx(wanted, abs=1e-3 * np.abs(wanted).max())
+
+
 @pytest.mark.parametrize("source", [{"tensor": TENSOR}, {"force": (1.0, 0.5, -0.3)}])
 def test_no_traction_of_a_tensor_or_force_acts_on_the_surface(source):
     step, at = 0.05, PLACE * [1.0, 1.0, 0.0]

@@ -12,6 +12,7 @@ from pyblast.model.terrain import (
     bench_triangles,
     burdens,
     toe_of,
+    walked,
 )
 
 BOX = np.array([(0.0, 60.0), (0.0, 30.0), (-30.0, 0.0)])
@@ -35,6 +36,19 @@ def benches(dip):
     upper = Bench(CREST, toe_of(CREST, 8.0, np.radians(dip)))
     second = np.add(CREST, [12.0, 0.0, -8.0])
     return [upper, Bench(second, toe_of(second, 6.0, np.radians(dip)))]
+
+
+@pytest.mark.parametrize("sense", [(1, 1), (1, -1), (-1, 1), (-1, -1)])
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_lines_are_walked_with_the_lower_ground_on_the_right(sense, side):
+    lines = BENT, np.add(BENT, [side * 6.0, 0.0, -10.0])
+
+    crest, toe = walked(*(line[::step] for line, step in zip(lines, sense, strict=True)))
+
+    run = np.diff(crest[:, :2], axis=0)
+    right = np.column_stack([run[:, 1], -run[:, 0]])
+    assert (np.einsum("ni,ni->n", (toe - crest)[:-1, :2], right) > 0.0).all()
+    Bench(crest, toe)
 
 
 @pytest.mark.parametrize("dip", [90.0, 70.0])

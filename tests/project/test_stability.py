@@ -64,6 +64,18 @@ def test_a_symmetric_wedge_has_the_safety_of_hoek_and_bray(dip, apart):
     )
 
 
+def test_cohesion_on_both_faces_of_a_wedge_adds_to_its_resistance():
+    bare, held = (
+        sliding_mode([JointFace("A", upward(55.0, 130.0), 10.0, cohesion, 0.7),
+                      JointFace("B", upward(55.0, 50.0), 4.0, cohesion, 0.7)], 1e6 * DOWN)
+        for cohesion in (0.0, 2e4)
+    )  # fmt: skip
+
+    assert held.mode == "slides on A and B"
+    assert held.resisting == pytest.approx(bare.resisting + 2e4 * 14.0, rel=1e-12)
+    assert held.driving == pytest.approx(bare.driving, rel=1e-12)
+
+
 def test_a_block_under_a_roof_falls_and_one_in_a_pit_is_held():
     roof = [JointFace("A", upward(dip, way) * [1, 1, -1], 1.0, 0.0, 1.0)
             for dip, way in ((50.0, 0.0), (50.0, 120.0), (50.0, 240.0))]  # fmt: skip

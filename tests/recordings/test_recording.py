@@ -10,6 +10,7 @@ import recorder_files as files
 from recorder_files import write, write_trace
 
 from pyblast.errors import InputError, PyblastWarning, ReadError
+from pyblast.recordings.raw import lone_spike
 from pyblast.recordings.recording import read_recording, read_stations
 
 RNG = np.random.default_rng(7)
@@ -287,3 +288,13 @@ def test_channel_that_never_moves_is_called_dead(tmp_path):
         (recording,) = read_recording(path)
 
     assert recording.dead == ("longitudinal",)
+
+
+@pytest.mark.parametrize("level", [30.0, -30.0])
+def test_a_level_thirty_times_all_others_is_no_motion_and_one_of_ten_times_is(level):
+    motion = RNG.uniform(-1.0, 1.0, 200)
+    motion[10] = 1.0
+
+    assert lone_spike(motion) is None
+    assert lone_spike(np.where(np.arange(200) == 77, level, motion)) == 77
+    assert lone_spike(np.where(np.arange(200) == 77, level / 3.0, motion)) is None

@@ -16,7 +16,7 @@ from pyblast.diagnosis.decision import Decision, decide
 from pyblast.diagnosis.effects import Effect
 from pyblast.diagnosis.fitting import fit
 from pyblast.diagnosis.search import Search
-from pyblast.diagnosis.summary import diagnosis_lines, summarise_diagnosis
+from pyblast.diagnosis.summary import diagnosis_lines, summarise_diagnosis, suspected_misfires
 from pyblast.diagnosis.thresholds import DECISIVE, REMAINS
 from pyblast.report.diagnosis import (
     claims,
@@ -27,6 +27,7 @@ from pyblast.report.diagnosis import (
     usual,
 )
 from pyblast.report.diagnosis import scene_of as view_of
+from pyblast.report.diagnosis_figures import rock_map
 
 SLOW = Effect("clock_error", "R2", ((0.0,),))
 DELAYS = Effect("delay_scatter", "B1", ((0.0, 0.0, 0.0),))
@@ -129,10 +130,10 @@ def test_effects_with_a_value_for_each_hole_are_drawn_hole_by_hole():
     assert "delay_scatter: delays of blast B1" in figures("CLASS")
 
 
-def test_a_suspected_misfire_is_named_by_its_hole_first_and_the_step_is_to_keep_off():
+def with_scales(parts):
+    """Return a diagnosis and its decision, of scales of three holes."""
     found, _ = made("NAMED")
     before = found.decision.fit
-    parts = np.array([0.1, 0.9, 1.2])
     holes = Effect("misfire_or_charge_error/holes", "B1", (tuple(parts),))
     (scales,) = holes.hypothesis.parameters
     uncertain = np.diag([0.0] * len(before.values) + [(0.05 / scales.sigma) ** 2] * 3)
@@ -141,7 +142,28 @@ def test_a_suspected_misfire_is_named_by_its_hole_first_and_the_step_is_to_keep_
     silent = replace(
         before, effects=(holes,), state=state, posterior=posterior, alternatives=()
     )  # fmt: skip
-    decision = replace(found.decision, fit=silent, best=silent)
+    return found, replace(found.decision, fit=silent, best=silent)
+
+
+def test_what_a_hole_radiates_is_its_scale_times_its_learned_variation():
+    found, decision = with_scales(np.array([0.7, 0.9, 1.2]))
+    scene, factors = replace(found.scene), np.array([0.6, 0.9, 1.1])
+    motion = np.random.default_rng(1).normal(size=(3, *scene.holes["B1"].shape[1:]))
+    scene.holes = scene.holes | {"B1": motion}
+    at = scene.case.blasts.index("B1")
+    around = SimpleNamespace(charges={at: factors[:, None, None, None] * motion})
+    assert suspected_misfires(decision, scene) == []
+
+    vars(scene)["varied"] = SimpleNamespace(around=around)
+
+    assert scene.radiated("B1") == pytest.approx(factors)
+    (row,) = suspected_misfires(decision, scene)
+    assert row["hole"] == scene.case.project.blasts["B1"].hole_ids[0]
+    assert row["radiated"] == pytest.approx(0.7 * 0.6, abs=0.01)
+
+
+def test_a_suspected_misfire_is_named_by_its_hole_first_and_the_step_is_to_keep_off():
+    found, decision = with_scales(np.array([0.1, 0.9, 1.2]))
     first, second, _ = found.scene.case.project.blasts["B1"].hole_ids
 
     summary = summarise_diagnosis(found.search, decision) | NOTES | {"corrected": False}
@@ -157,6 +179,17 @@ def test_a_suspected_misfire_is_named_by_its_hole_first_and_the_step_is_to_keep_
     )
     assert summary["next_measurement"].startswith(f"keep people and machines off {named}")
     assert f"  suspected misfires: {named}" in diagnosis_lines(summary)
+
+
+def test_a_null_of_an_unfinished_search_does_not_say_that_nothing_is_missing():
+    found, summary = made("NULL")
+    summary = summary | {"evidence": summary["evidence"] | {"scores": [{}]}}
+    assert lead(found, summary).startswith("Nothing is missing")
+
+    words = lead(found, summary | {"finished": False})
+
+    assert "Nothing is missing" not in words
+    assert "the effects that the budget sufficed for" in words
 
 
 def test_a_class_names_its_members_as_not_told_apart():
@@ -369,3 +402,32 @@ def test_an_unknown_says_first_what_was_not_asked_and_how_its_residual_runs():
     assert "70 % of its energy is vertical; its share grows with the charge to" in said
     lines = diagnosis_lines({"finished": True, **summary})
     assert lines[1] == f"  not asked: air_blast: {why}"
+
+
+def test_the_best_of_cells_behind_one_another_is_shown_in_plan_and_in_section():
+    cells = {"x": [10.0, 10.0, 50.0], "y": [20.0, 20.0, 20.0], "z": [-5.0, -25.0, -5.0],
+             "score": [4.0, 60.0, -3.0]}  # fmt: skip
+    point = {"x": 10.0, "y": 20.0, "z": -25.0, "within_m": 9.0}
+
+    plan, section = rock_map(cells, small_site(), [point])["panels"]
+
+    assert sorted(plan["marks"][0]["values"]) == [0.0, 60.0]
+    assert sorted(section["marks"][0]["values"]) == [0.0, 4.0, 60.0]
+    ends = [(each["x"]["label"], each["y"]["label"]) for each in (plan, section)]
+    assert ends == [("east [m]", "north [m]"), ("east [m]", "height [m]")]
+    assert (section["marks"][-1]["x"], section["marks"][-1]["y"]) == ([10.0], [-25.0])
+
+
+@pytest.mark.parametrize("points", [0, 1])
+def test_a_map_of_the_rock_says_where_or_that_no_place_is_given(points):
+    found, summary = made("UNKNOWN")
+    point = {"x": 71.2, "y": 40.0, "z": -9.6, "within_m": 12.0, "joint": "J1"}
+    cells = {"x": [10.0, 50.0], "y": [20.0, 20.0], "z": [-5.0, -5.0], "score": [4.0, 60.0]}
+    look = summary["located"] | {"points": [point][:points], "cells": cells}
+
+    shown = render_diagnosis(found, summary | {"located": look, "fails": ["a body says more"]})
+
+    assert "A body says more." in shown
+    assert "Where in the rock" in shown
+    assert ("on joint J1 (within 12 m)" in shown) == bool(points)
+    assert ("No place is given" in shown) != bool(points)

@@ -143,3 +143,9 @@ def test_tetrahedra_are_refused_in_a_sentence():
     model = Model(box, {"rock": ROCK}, receivers=[Receiver("A", (20.0, 20.0, 40.0))])
     with pytest.raises(InputError, match="tetrahedra"):
         bank_of([model], DURATION, HIGHEST)
+
+
+def test_fields_beyond_memory_are_refused_before_any_run(monkeypatch):
+    monkeypatch.setattr("pyblast.runs.bank.MOST_BYTES", 1e6)
+    with pytest.raises(InputError, match=r"take .* GB, and 0.001 GB are kept at most"):
+        bank_of([site()], DURATION, HIGHEST)

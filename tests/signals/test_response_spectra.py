@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 
 from pyblast.errors import InputError
 from pyblast.signals.response_spectra import oscillator, response_spectra
@@ -30,6 +31,39 @@ def test_an_oscillator_follows_a_step_of_acceleration_exactly(damping):
     np.testing.assert_allclose(
         speed, -3.0 / turn * np.exp(-drag * after) * np.sin(turn * after), atol=1e-13
     )
+
+
+def test_absolute_acceleration_is_that_of_an_integrated_equation_of_motion():
+    motion, damping, natural = wave(6.0), 0.4, 2.0 * np.pi * 9.0
+    slope = np.diff(motion.velocity[:, 0]) / DT
+
+    def moves(time, state):
+        ground = slope[min(int(time / DT), len(slope) - 1)] if time < TIMES[-1] else 0.0
+        return state[1], -ground - 2.0 * damping * natural * state[1] - natural**2 * state[0]
+
+    found = solve_ivp(moves, (1.0, 3.0), (0.0, 0.0), max_step=DT, rtol=1e-8, atol=1e-12)
+
+    absolute = np.abs(2.0 * damping * natural * found.y[1] + natural**2 * found.y[0]).max()
+    assert response_spectra(motion, [9.0], damping).sa[0, 0] == pytest.approx(absolute, rel=5e-3)
+
+
+def test_few_samples_a_period_lose_no_peak():
+    coarse = Seismogram(wave(6.0).velocity[::40], 40.0 * DT)
+    at = np.arange(40 * (len(coarse.velocity) - 1) + 1) * DT
+    fine = np.transpose([np.interp(at, coarse.times, each) for each in coarse.velocity.T])
+
+    few, many = (response_spectra(each, [11.0], 0.02) for each in (coarse, Seismogram(fine, DT)))
+
+    assert few.sd == pytest.approx(many.sd, rel=0.012)
+
+
+def test_an_oscillator_swings_on_after_the_record():
+    velocity = np.zeros((100, 3))
+    velocity[-1] = 1.0
+
+    spectra = response_spectra(Seismogram(velocity, DT), [5.0], damping=0.0)
+
+    assert spectra.psv[0] == pytest.approx([1.0, 1.0, 1.0], rel=0.01)
 
 
 def test_stiff_oscillators_feel_the_acceleration_and_soft_ones_the_displacement_of_the_ground():

@@ -190,6 +190,65 @@ def test_an_implicit_run_is_near_the_explicit_one(case):
         assert work[0] == pytest.approx(work[1], rel=0.03)
 
 
+def symmetric(values):
+    """Return symmetric matrices (n, 3, 3) of components (n, 6): xx yy zz yz zx xy."""
+    return values[:, [0, 5, 4, 5, 1, 3, 4, 3, 2]].reshape(-1, 3, 3)
+
+
+def factored(constants):
+    """Return the matrix ``L B L^T`` of implicit nodes from its factors in kernel arrays."""
+    n, start = len(constants["implicit_node"]), constants["column_start"]
+    lower = np.eye(3 * n).reshape(n, 3, n, 3)
+    for column in range(n):
+        for k in range(start[column], start[column + 1]):
+            block = constants["block_factor"][k].reshape(3, 3).T
+            lower[constants["block_row"][k], :, column] = block
+    lower = lower.reshape(3 * n, 3 * n)
+    inverse = symmetric(constants["implicit_inverse"])
+    return lower @ scipy.linalg.block_diag(*np.linalg.inv(inverse)) @ lower.T
+
+
+@pytest.mark.parametrize("case", ["lagged damping", "a node of an open side", "rollers"])
+def test_the_factors_are_those_of_inertia_drag_and_stiffness(case):
+    """Theory.md (2.53): D + (dt^2/4 + beta dt/2) K, without directions that are held."""
+    model = slivered(**CASES[case] | {"damping": Damping(0.05, 200.0)})
+    prepared = prepare(model, 0.002)
+    constants, dt = prepared.constants, prepared.constants["dt"]
+    zones, nodes = np.flatnonzero(prepared.limit.implicit.zones), constants["implicit_node"]
+    where = {node: number for number, node in enumerate(nodes)}
+    wanted = np.zeros((len(nodes), 3, len(nodes), 3))
+    for node, at in where.items():
+        own = constants["node_mass"][node] * (1.0 + 0.5 * dt * constants["node_alpha"][node])
+        wanted[at, :, at] = own * np.eye(3)
+    for node, own in zip(constants["dashpot_node"], constants["dashpot_impedance"], strict=True):
+        if node in where:
+            wanted[where[node], :, where[node]] += 0.5 * dt * own
+    share = 0.25 * dt**2 + 0.5 * dt * model.zone_damping("beta")[zones]
+    parts = zone_stiffness(model, zones, assembly.zone_product) * share[:, None, None, None, None]
+    for part, of in zip(parts, model.nodes.zone_nodes[zones], strict=True):
+        at = [where[node] for node in of]
+        for i, row in enumerate(at):
+            for k, column in enumerate(at):
+                wanted[row, :, column] += part[i, :, k]
+    free = np.tile(np.eye(3), (len(nodes), 1, 1))
+    for node, axis in zip(constants["fixed_node"], constants["fixed_direction"], strict=True):
+        if node in where:
+            free[where[node]] -= np.outer(axis, axis)
+    held = scipy.linalg.block_diag(*free)
+    wanted = held @ wanted.reshape(held.shape) @ held
+    mass = np.repeat(constants["node_mass"][nodes], 3)
+    wanted += mass[:, None] * (np.eye(len(held)) - held)
+
+    assert len(zones)
+    assert factored(constants) == pytest.approx(wanted, abs=1e-9 * np.abs(wanted).max())
+    has = {
+        "rollers": np.isin(constants["fixed_node"], nodes).any(),
+        "a node of an open side": np.isin(constants["dashpot_node"], nodes).any(),
+        "lagged damping": model.zone_damping("beta")[zones].all(),
+    }
+    assert has[case]
+
+
 def test_implicit_contacts_of_a_slipping_joint_change_little():
     model = slivered(**CASES["a slipping joint"])
     dt, limit = assembly.time_step(model)

@@ -19,6 +19,7 @@ from pyblast.model.boundary import Roller, StressInput, Viscous
 from pyblast.model.material import ConstantQ, Material
 from pyblast.model.model import Model, Receiver
 from pyblast.model.source import MomentTensor, TimeFunction
+from pyblast.model.thin_layers import reach_of_trapped_waves
 from pyblast.signals.seismogram import Seismogram
 from pyblast.solver import assembly
 from pyblast.solver.line_implicit import line_zones, node_lines, steps_of_zones
@@ -202,6 +203,20 @@ def test_zones_that_trap_waves_carry_half_as_much():
     wanted = max(min(whole, 0.25 / crossing), min(0.5 * whole, 1.0 / crossing))
 
     assert model.highest_frequency()["soil"] == pytest.approx(wanted, rel=1e-6)
+
+
+@pytest.mark.parametrize(("quality", "beyond"), [(5.0, True), (7.0, False)])
+def test_zones_carry_what_those_of_the_rock_do_where_trapped_waves_have_died_away(quality, beyond):
+    damped = replace(SOIL, law=ConstantQ(quality, quality, (5.0, 100.0)))
+    model = ground(1.0, order=4, edge=15.0, soil=damped)
+    whole, crossing = 2500.0 / (1.25 * 15.0), 1.0 / 250.0
+    away = np.hypot(45.0 - 22.0, 25.0 - 20.0)
+
+    assert (reach_of_trapped_waves(1.0, [damped]) < away) == beyond
+    wanted = whole if beyond else max(0.25 / crossing, 0.5 * whole)
+    assert model.highest_frequency()["soil"] == pytest.approx(wanted, rel=1e-6)
+    without = replace(model, receivers=())
+    assert without.highest_frequency()["soil"] < whole
 
 
 def test_bounds_of_steps_are_below_those_that_are_searched():

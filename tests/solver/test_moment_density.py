@@ -4,15 +4,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from open_box import ROCK
+from open_box import ROCK, open_box
 
 from pyblast.errors import InputError
 from pyblast.mesh.builder import structured_box
 from pyblast.mesh.grid import Layer
 from pyblast.mesh.mesh import locate_in_zones
 from pyblast.model.joint import Joint
-from pyblast.model.model import Model
-from pyblast.model.source import Column, Hole, MomentTensor, TimeFunction
+from pyblast.model.model import Model, Receiver
+from pyblast.model.source import Column, Hole, MomentTensor, PointForce, TimeFunction
 from pyblast.project.project import load_project
 from pyblast.runs.greens import greens_functions
 from pyblast.solver.loads import model_loads
@@ -21,6 +21,7 @@ from pyblast.solver.moment_density import (
     deconvolved,
     edge_at,
     moment_forces,
+    near_sources,
     response,
     source_radius,
     sphere_rule,
@@ -170,6 +171,36 @@ def test_the_radius_ends_where_the_ground_ends():
     assert source_radius(body.nodes, zone, np.array([10.0, 15.0, 20.0]), 2.0) == pytest.approx(2.0)
 
 
+def test_the_radius_ends_where_the_absorbing_layer_begins():
+    position = np.array([117.0, 40.0, -40.0])
+
+    assert clearance(open_box(2, True).mesh, position, 20.0) == pytest.approx(3.0)
+    assert clearance(open_box(2, False).mesh, position, 20.0) == 20.0
+
+
+def test_the_source_nearest_by_edges_says_what_a_receiver_lacks():
+    x, across = np.array([0.0, 10.0, 20.0, 30.0, 40.0, 80.0, 120.0, 160.0]), 10.0 * np.arange(9)
+    mesh = structured_box(x, across, across, order=4)
+    places = (35.0, 45.0, 45.0), (97.0, 45.0, 45.0)
+    sources = [PointForce(place, (0.0, 0.0, 1.0), RATE) for place in places]
+    receiver = Receiver("A", (65.0, 45.0, 45.0))  # 3 edges of 10 m from one, 0.8 of 40 m from one
+
+    (row,) = near_sources(Model(mesh, {"rock": ROCK}, sources=sources, receivers=[receiver]))
+
+    assert (row.source, row.distance, row.edge) == (1, 32.0, 40.0)
+
+
+@pytest.mark.parametrize(("at", "error"), [(60.0, 0.02), (80.0, 0.95)])
+def test_a_force_is_seen_worse_on_a_face_of_elements(at, error):
+    mesh = structured_box((4, 4, 4), (160.0, 160.0, 160.0), order=4)
+    force = PointForce((at, 60.0, 60.0), (0.0, 0.0, 1.0), RATE)
+    receiver = Receiver("A", (at + 30.0, 60.0, 60.0))
+
+    (row,) = near_sources(Model(mesh, {"rock": ROCK}, sources=[force], receivers=[receiver]))
+
+    assert row.error == pytest.approx(error)
+
+
 def test_a_column_has_points_enough_and_two_histories():
     body = layered("hexahedra")
     column = Column(np.array([17.0, 21.0, -36.0]), np.array([17.0, 21.0, -12.0]), 3.0, 0.0, RATE)
@@ -188,3 +219,18 @@ def test_a_radius_of_nothing_is_refused():
         Hole(np.zeros(3), 1.0, 0.0, RATE, spread=0.0)
     with pytest.raises(InputError, match=r"moment tensor\.spread: must be positive"):
         MomentTensor(np.zeros(3), np.eye(3), 0.0, RATE, -2.0)
+
+
+def test_models_that_share_a_mesh_average_over_the_sphere_of_a_hole_once(monkeypatch):
+    mesh = structured_box((4, 4, 4), (40.0, 40.0, 40.0))
+    hole = Hole(np.array([18.0, 21.0, 22.0]), 5.0, 0.0, RATE)
+    models = [Model(mesh, {"rock": rock}, sources=[hole])
+              for rock in (ROCK, replace(ROCK, density=2000.0))]  # fmt: skip
+    first = model_loads(models[0], {}.get).arrays(DT * np.arange(4))
+    monkeypatch.setattr("pyblast.solver.moment_density._average", None)
+
+    again, other = (model_loads(m, {}.get).arrays(DT * np.arange(4)) for m in models)
+
+    for name, wanted in first.items():
+        np.testing.assert_array_equal(again[name], wanted)
+    assert other.keys() == first.keys()

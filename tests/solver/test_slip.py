@@ -10,8 +10,9 @@ from slipping_box import sheared
 from pyblast.model.joint import Joint
 from pyblast.solver.assembly import initial_pressures
 from pyblast.solver.initial_stress import joint_pressures
+from pyblast.solver.preparation import prepare
 from pyblast.solver.run import simulate
-from pyblast.solver.slip import run_with_slip, slip_factors
+from pyblast.solver.slip import SLIP, JointObserver, run_with_slip, slip_factors
 
 NORMAL = np.array([[1.0, 0.0, 0.0]])
 
@@ -117,6 +118,39 @@ def test_the_weakest_strength_of_a_range_has_its_own_factor():
     assert found.weakest_factor == pytest.approx(
         run_with_slip(sheared(0.01, cohesion=1e5, cohesion_residual=1e5), 0.1, 100.0)[1]["J"].factor
     )
+
+
+def test_slip_before_the_blast_is_no_slip_of_the_blast():
+    model = sheared(0.05)
+    observer = JointObserver(model, prepare(model, 0.01), 100.0)
+    before = observer.begun["contact_state"].copy()
+    before[:, SLIP] = [2e-3, -1e-3, 5e-4]
+    observer.begun = observer.begun | {"contact_state": before}
+    after = before.copy()
+    after[:, SLIP] += [3e-4, 0.0, 4e-4]
+
+    assert not observer.moved(before)[0].any()
+    assert observer.moved(after)[0] == pytest.approx(5e-4, rel=1e-12)
+
+
+@pytest.mark.parametrize("worn", [0.0, 0.5, 1.0, 2.0])
+def test_safety_is_that_of_the_strength_that_weakening_has_left(worn):
+    weakening = {"kn": 4e9, "ks": 2e9, "cohesion": 2e5, "friction": 0.5, "tension": 1e5,
+                 "friction_dynamic": 0.2, "weakening_slip": 1e-3}  # fmt: skip
+    joint = Joint("J", "softening", weakening, insitu_pressure=1e5)
+    model = replace(sheared(0.05), joints=[joint])
+    prepared = prepare(model, 0.01)
+    observer = JointObserver(model, prepared, 100.0)
+    state = {name: value.copy() for name, value in prepared.state.items()}
+    state["contact_state"][:, 6] = worn * 1e-3
+    normal = prepared.constants["contact_normal"]
+    state["contact_traction"] = -4e5 * normal + [0.0, 1e5, 0.0]
+
+    observer.sample(0, state, np.zeros_like(prepared.state["velocity"]))
+
+    left = min(worn, 1.0)
+    strength = 2e5 * (1.0 - left) + 4e5 * (0.5 - 0.3 * left)
+    assert observer.records["history"][0, 0, 3] == pytest.approx(strength / 1e5, rel=1e-12)
 
 
 def deeper(pressure, gradient=2e4):

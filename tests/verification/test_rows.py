@@ -94,13 +94,14 @@ def test_a_row_that_fails_is_named_after_the_others(tmp_path, capsys):
     assert list(rows.read_rows(tmp_path / "study.json")) == ["b"]
 
 
-def test_the_program_of_a_row_is_the_source(tmp_path, monkeypatch):
+@pytest.mark.parametrize("file", ["pyblast/module.py", "pyblast/limits.toml", "fortran/core.f90"])
+def test_the_program_of_a_row_is_the_source_with_its_tables(tmp_path, monkeypatch, file):
     for folder in ("pyblast", "fortran"):
         (tmp_path / folder).mkdir()
     monkeypatch.setattr(rows, "ROOT", tmp_path)
     digests = set()
     for text in ("", "a = 1\n", "a = 2\n"):
-        (tmp_path / "pyblast" / "module.py").write_text(text)
+        (tmp_path / file).write_text(text)
         digests.add(rows.program.__wrapped__())
 
     assert len(digests) == 3

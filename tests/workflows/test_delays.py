@@ -23,7 +23,9 @@ TABLE = """
 between_holes_ms = [0, 0]
 between_rows_ms = [20, 80]
 draws = 400
+charge_percent = 0
 """
+VARIED = TABLE.replace("charge_percent = 0", "charge_percent = 10")
 HOUSE = """
 [[delays.houses]]
 name = "farm"
@@ -148,7 +150,7 @@ def test_a_limit_curve_counts_with_its_lowest_value_in_the_band(tmp_path):
 
 
 def test_the_command_says_bands_before_and_after(tmp_path):
-    done = call("delays", planned(tmp_path, TABLE + "scatter_ms = 2\ncharge_percent = 10\n"))
+    done = call("delays", planned(tmp_path, VARIED + "scatter_ms = 2\n"))
 
     assert done.exit_code == 0, done.output
     assert "0 ms between holes, 50 ms between rows" in done.output
@@ -227,3 +229,14 @@ def test_a_plan_says_first_whether_it_keeps_all_limits_at_95_percent():
     assert "stay below 4 of 5 mm/s" in kept
     assert broken.startswith("no plan keeps the limit at near")
     assert broken.endswith("9 of 5 mm/s by AS 2187.2-1993")
+
+
+def test_the_page_says_how_wide_the_band_would_be_if_holes_did_not_vary(tmp_path):
+    usual = TABLE.replace("charge_percent = 0\n", "")
+    told, folder = optimise_delays(planned(tmp_path, usual + "scatter_ms = 2\n"))
+    vary, page = told["variation"], (folder / "report.html").read_text(encoding="utf-8")
+
+    assert vary["charge_percent"] == 20.0
+    assert vary["band_90"] > 1.2 * vary["band_90_without"]
+    assert "Holes vary by 20 %" in page
+    assert "if all holes radiated as their charge says" in page

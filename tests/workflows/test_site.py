@@ -125,6 +125,8 @@ def test_what_is_no_record_is_listed_with_its_reason(quarry):
         (lambda folder: (folder / "blasts.csv").unlink(), "holds none of blasts.csv, blasts.txt"),
         (lambda folder: (folder / "blasts.txt").write_text("x"), "more than one of blasts.csv"),
         (lambda folder: (folder / "blasts.csv").write_text("blast,day\nS1,2\n"), "date"),
+        (lambda folder: (folder / "blasts.csv").write_text(
+            "blast,date,x,y\nS1,2026-03-02,4e6,9e6\n"), "km from the nearest station"),
         (lambda folder: [p.unlink() for p in (folder / "records").iterdir()],
          "no record belongs to a blast (it holds no record)"),
     ],
@@ -137,6 +139,15 @@ def test_a_folder_that_is_no_site_ends_with_one_sentence_and_2(quarry, damage, m
     assert done.exit_code == 2
     assert message in " ".join(done.output.split())
     assert not (quarry / "site" / "site.json").exists()
+
+
+def test_records_beside_a_summary_of_another_program_are_read(quarry):
+    (quarry / "records" / "summary.json").write_text('{"receivers": {}}')
+
+    summary, _ = learn_site(quarry)
+
+    assert len(summary["records"]) == 71
+    assert [row["file"] for row in summary["skipped"]] == ["records/summary.json"]
 
 
 def test_limits_that_do_not_exist_are_refused(quarry):

@@ -1,4 +1,4 @@
-"""Effects on the source: firing times, charges and position of a blast, damaged rock around it."""
+"""Effects on the source: position of a blast, damaged rock around it, its force."""
 
 from dataclasses import replace
 
@@ -6,118 +6,7 @@ import numpy as np
 from scipy import fft
 
 from ...model.ground_fields import DamagedZone
-from ..hypotheses import (
-    blast_and_hole,
-    blasts_of_many_holes,
-    holes,
-    holes_inside,
-    hypothesis,
-    known_source,
-    superposed,
-)
-
-
-@hypothesis(
-    "delay_scatter",
-    family="source",
-    on="holes",
-    target="blast",
-    axis="receivers",
-    targets=blasts_of_many_holes,
-    decided_by="the log of the detonators, or a sensor beside the holes",
-    simulated=(superposed,),
-)
-def delay_scatter(blast, target, delays):
-    """The holes of this blast did not fire at their planned times."""
-    del blast, target
-    return delays, np.ones(len(delays))
-
-
-@hypothesis(
-    "delay_scatter",
-    form="pace",
-    family="source",
-    on="holes",
-    target="blast",
-    axis="receivers",
-    targets=blasts_of_many_holes,
-    decided_by="the log of the detonators, or a sensor beside the holes",
-    simulated=(superposed,),
-)
-def wrong_pace(blast, target, pace):
-    """All delays of this blast were longer or shorter than planned, by one factor."""
-    del target
-    planned = blast.times - np.min(blast.times)
-    return (pace - 1.0) * planned, np.ones(len(planned))
-
-
-@hypothesis(
-    "misfire_or_charge_error",
-    form="holes",
-    family="source",
-    on="holes",
-    target="blast",
-    axis="receivers",
-    targets=blasts_of_many_holes,
-    decided_by="the loading sheets, and a look at the muck pile for what is left",
-    simulated=(superposed,),
-)
-def misfire_or_charge_error(blast, target, scales):
-    """Holes of this blast radiated less or more than their charge should, or nothing."""
-    del blast, target
-    return np.zeros(len(scales)), scales
-
-
-@hypothesis(
-    "misfire_or_charge_error",
-    form="misfire",
-    family="source",
-    on="holes",
-    target="hole",
-    axis="receivers",
-    targets=holes,
-    single=True,
-    decided_by="a look at the muck pile for the charge of this hole",
-    simulated=(superposed,),
-)
-def misfire(blast, target, radiated):
-    """This hole misfired: it radiated nothing, or little, of what its charge should."""
-    _, hole = blast_and_hole(target)
-    silent = np.array([name == hole for name in blast.hole_ids])
-    return np.zeros(len(silent)), np.where(silent, radiated, 1.0)
-
-
-@hypothesis(
-    "misfire_or_charge_error",
-    form="blast",
-    family="source",
-    on="holes",
-    target="blast",
-    axis="receivers",
-    decided_by="the loading sheets, or single holes of other charges",
-    simulated=(superposed,),
-)
-def charge_error(blast, target, scale):
-    """All holes of this blast radiated less or more than their charge should, by one factor."""
-    del target
-    n = len(blast.charge)
-    return np.zeros(n), np.full(n, scale)
-
-
-@hypothesis(
-    "clock_error",
-    form="blast",
-    family="source",
-    on="holes",
-    target="blast",
-    axis="receivers",
-    decided_by="a sensor beside the first hole, on the clock of the receivers",
-)
-def trigger_error(blast, target, shift):
-    """The zero of time of this blast was wrong: all receivers recorded it late or early alike."""
-    del target
-    n = len(blast.charge)
-    return np.full(n, shift), np.ones(n)
+from ..hypotheses import blasts_of_many_holes, holes_inside, hypothesis, known_source
 
 
 @hypothesis(

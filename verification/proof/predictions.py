@@ -1,61 +1,24 @@
-"""One answer: the diagnosis of a case as anybody gets it, and what it predicts."""
+"""What a diagnosed site predicts of records that no fit has used."""
 
-import time
-import traceback
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
+from benchmarks.blind.sites import HIDDEN
+from benchmarks.blind.worlds import delayed
+from pyblast.blasts.hole_effects import Pattern
 from pyblast.diagnosis.case import case_of
 from pyblast.diagnosis.effects import (
     PredictionScene,
     changed_site,
-    effects_of,
     predict,
     with_motion_effects,
 )
 from pyblast.diagnosis.forward import simulation_of
 from pyblast.diagnosis.hypotheses import blast_and_hole
-from pyblast.files import WHOLE, code_hash, plain
 from pyblast.model.model import Receiver
 from pyblast.project.project import Project, load_project, with_further
-from pyblast.workflows.diagnose import diagnose
-
-from .case_files import read_asked
-from .sealing import LOCKS, freeze
-from .sites import HIDDEN
-from .worlds import delayed
-
-MINUTES = 20.0  # of a processor
-DIAGNOSIS_SEED = 1
-
-
-def answer(name: str, store: Path, seals: dict) -> str:
-    """Diagnose a case that has no answer yet, freeze the answer, and say it in a line."""
-    if (store / LOCKS / f"{name}.json").exists():
-        return f"{name}: answered before"
-    began = time.process_time()
-    try:
-        found = _answered(store, name)
-    except Exception:  # a crash is an answer, and a wrong one
-        found = {"outcome": "CRASH", "error": traceback.format_exc()}
-    found["cpu_s"] = round(time.process_time() - began + found.get("kept_s", 0.0), 1)
-    found["code"] = code_hash(WHOLE)  # a change between answers shows
-    freeze(store, name, found, seals)
-    labels = "+".join(one["label"] for one in found.get("effects", []))
-    return f"{name}: {found['outcome']} {labels} ({found['cpu_s']:.0f} s)"
-
-
-def _answered(store, name):
-    """Return the diagnosis of a case with its predictions."""
-    project, runs = project_in(store, name), store / "runs" / name
-    made = diagnose(project, runs, minutes=MINUTES, seed=DIAGNOSIS_SEED)
-    summary = plain(made.summary)
-    model, case, asked = summary["model"], made.scene.case, read_asked(store / "asked" / name)
-    after = predictions(case, asked, model["values"], effects_of(model), runs)
-    before = predictions(case, asked, model["baseline_values"], (), runs)
-    return {**summary, "predicted": {"before": before, "after": after}}
 
 
 def predictions(case, asked, values, effects, folder) -> dict:
@@ -96,9 +59,10 @@ def _fired(project, name, effects):
     exponent = project.config.blast.charge_exponent
     for effect in effects:
         if effect.hypothesis.on == "holes" and blast_and_hole(effect.target)[0] == name:
-            delays, scales = effect.hypothesis.apply(blast, effect.target, **effect.parameters)
-            times = times + delays
-            charge = charge * scales ** (1.0 / exponent)
+            pattern = Pattern(blast, np.zeros((1, 3)))
+            change = effect.hypothesis.apply(pattern, effect.target, **effect.parameters)
+            times = times + np.ravel(change.delay)
+            charge = charge * np.ravel(change.scale) ** (1.0 / exponent)
     lead = max(0.0, -float(times.min()))
     changed = replace(blast, times=times + lead, charge=charge)
     return project.changed(blasts={**project.blasts, name: changed}), lead

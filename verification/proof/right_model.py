@@ -1,11 +1,12 @@
 """What the right model would have reached: the ceiling of gains, and how long effects are."""
 
-import io
 from pathlib import Path
 
 import numpy as np
 from scipy import signal
 
+from benchmarks.blind.case_files import read_asked
+from benchmarks.blind.sites import BAND, BEFORE, DT, FURTHER
 from pyblast.diagnosis.calibration import calibrate
 from pyblast.diagnosis.effects import Scene, starting_effects
 from pyblast.diagnosis.error import with_calibrated
@@ -14,10 +15,7 @@ from pyblast.diagnosis.forward import hole_motion, simulation_of
 from pyblast.diagnosis.hypotheses import LIBRARY, blast_and_hole
 from pyblast.inference.error_model import Change
 
-from .case_files import read_asked
-from .running import case_in, predictions
-from .sealing import data_of
-from .sites import BAND, BEFORE, DT, FURTHER
+from .predictions import case_in, predictions
 
 
 def right(store: Path, name: str, truth: dict) -> dict:
@@ -33,7 +31,7 @@ def right(store: Path, name: str, truth: dict) -> dict:
     runs = store / "runs" / name
     simulation = simulation_of(case, runs)
     baseline = calibrate(case, simulation, simulation_of(case, runs, finer=True))
-    motion = motion_of(store, name, truth)
+    motion = motion_of(store, name)
     scene = Scene(simulation, baseline, hole_motion(simulation, case, baseline.project))
     found = {"length": length(scene, motion), "predicted": None}
     effects = [_best_start(scene, one) for one in truth["effects"]]
@@ -48,10 +46,9 @@ def right(store: Path, name: str, truth: dict) -> dict:
     return found
 
 
-def motion_of(store: Path, name: str, truth: dict) -> dict:
-    """Return the sealed motion: ``clean`` and ``without`` effects, by blast, from hole one on."""
-    content = data_of(truth, store / "truth" / name / "motion.npz")
-    with np.load(io.BytesIO(content), allow_pickle=False) as arrays:
+def motion_of(store: Path, name: str) -> dict:
+    """Return the true motion: ``clean`` and ``without`` effects, by blast, from hole one on."""
+    with np.load(store / "truth" / name / "motion.npz", allow_pickle=False) as arrays:
         return {key: arrays[key][..., BEFORE:].astype(float) for key in arrays.files}
 
 

@@ -1,0 +1,194 @@
+"""Variation from hole to hole: closed forms of its linear model, the level that is learned."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from residual_case import DT, TIMES, residual_case
+from scipy import fft
+
+from pyblast.diagnosis.error import LEVELS, VARIED
+from pyblast.inference.covariance import record_blocks
+from pyblast.inference.error_model import Change, ErrorModel, Levels
+from pyblast.inference.nuisances import HOLES, Nuisances, moving_columns
+from pyblast.inference.records import Records
+from pyblast.inference.variation import (
+    LOST,
+    Charges,
+    Filters,
+    Variation,
+    learned_variation,
+    log_filters,
+    variation,
+    with_variation,
+)
+
+NOISE, BAND, _ = residual_case()
+N_HOLES, N_RECEIVERS = 10, 3
+
+
+def charges():
+    """Return ten charges in a row, 20 ms apart, whose waves receivers see from three sides."""
+    places = np.array([[12.0 * h, 0.0, -8.0] for h in range(N_HOLES)])
+    receivers = np.array([[20.0, 90.0, 0.0], [150.0, 60.0, 0.0], [60.0, -120.0, 0.0]])
+    motion = np.empty((N_HOLES, N_RECEIVERS, 3, len(TIMES)))
+    for h, r, c in np.ndindex(motion.shape[:3]):
+        away = np.linalg.norm(receivers[r] - places[h])
+        late = TIMES - away / (2300.0, 1500.0, 1900.0)[c] - 0.04
+        pulse = np.exp(-0.5 * (late / 0.018) ** 2) * np.cos(2 * np.pi * (9.0 + 3.0 * c) * late)
+        motion[h, r, c] = 0.04 * pulse / away
+    return Charges(motion, 0.02 * np.arange(N_HOLES), places)
+
+
+def sent(filters=None):
+    """Return the motion of the blast with filters of its charges, (1, n_receivers, 3, n)."""
+    own, n = charges(), len(TIMES)
+    size = fft.next_fast_len(3 * n, real=True)
+    turns = np.exp(-2j * np.pi * np.multiply.outer(own.times, fft.rfftfreq(size, DT)))
+    factor = np.ones((N_HOLES, N_RECEIVERS, turns.shape[-1]), complex)
+    if filters is not None:
+        factor = np.exp((filters.own[:, None] + filters.paths) @ log_filters(BAND, n, size))
+    spectrum = fft.rfft(own.motion, size) * (turns[:, None] * factor)[:, :, None]
+    return fft.irfft(spectrum.sum(axis=0), size)[None, ..., :n]
+
+
+def drawn(level, rng):
+    """Return random filters of a level; paths of neighbouring charges differ."""
+    shapes = (N_HOLES, 5), (N_HOLES, N_RECEIVERS, 5)
+    return Filters(*(level * rng.standard_normal(shape) for shape in shapes))
+
+
+def error(levels=LEVELS) -> ErrorModel:
+    """Return an error of noise and scattering around the planned motion, without columns."""
+    motion = sent()
+    valid = np.ones(motion.shape, dtype=bool)
+    records = Records(("a",), ("R1", "R2", "R3"), DT, motion, valid, BAND, NOISE)
+    return ErrorModel(record_blocks(records, motion), no_columns(), levels)
+
+
+def no_columns() -> Nuisances:
+    """Return no nuisances."""
+    return moving_columns({}, (1, N_RECEIVERS, 3, BAND.n_functions))
+
+
+def linear(known=None) -> Variation:
+    """Return the variation around filters."""
+    return variation(
+        {0: charges()}, BAND, (1, N_RECEIVERS, 3, BAND.n_functions),
+        None if known is None else {0: known},
+    )  # fmt: skip
+
+
+def learned(level, seed):
+    """Return what is learned from records of a drawn level."""
+    rng = np.random.default_rng(seed)
+    around = error()
+    moved = BAND.project(sent(drawn(level, rng)) - sent())
+    noise = around.draws(rng, 1, around.most_probable(0.0 * moved)[0]._replace(scatter=5e-3))[0]
+    return learned_variation(lambda _: around, {0: charges()}, BAND, moved + noise, VARIED)
+
+
+@pytest.mark.parametrize("level", [0.1, 0.2, 0.3])
+def test_the_level_of_drawn_holes_is_found_within_a_third(level):
+    found = [learned(level, seed)[1].value for seed in range(4)]
+
+    assert abs(np.mean(found) - level) < level / 3.0
+
+
+def test_holes_that_do_not_vary_are_said_to_vary_by_less_than_some_per_cent():
+    around, varied, levels = learned(0.0, 1)
+    energy = varied.value**2 * around.energy
+
+    assert varied.high < 0.1
+    assert varied.words.startswith("holes vary by less than")
+    assert levels == VARIED[:2]
+    assert np.all(energy < 0.01 * np.sum(BAND.project(sent()) ** 2, axis=(-2, -1)))
+
+
+def test_small_filters_change_motion_as_their_columns_and_large_ones_as_columns_and_offset():
+    rng = np.random.default_rng(2)
+    around, step = drawn(0.3, rng), drawn(1e-4, rng)
+    both = Filters(around.own + step.own, around.paths + step.paths)
+
+    for known, filters in ((None, step), (around, both)):
+        own = linear(known)
+        of_charges = (
+            own.to_own[0]
+            @ filters.own.ravel()
+            @ own.columns.columns.reshape(len(own.to_own[0]), -1)
+        )
+        root = np.linalg.cholesky(own_coherence())
+        free = np.linalg.solve(root, filters.paths.reshape(N_HOLES, -1)).reshape(
+            filters.paths.shape
+        )
+        free = np.moveaxis(free, 1, 0).reshape(N_RECEIVERS, -1)
+        of_paths = np.einsum("rk,rkf->rf", free, own.to_paths[0])
+        said = (
+            BAND.project(own.change)
+            + own.offset
+            + (of_charges + of_paths.ravel()).reshape(own.offset.shape)
+        )
+        exact = BAND.project(sent(filters) - sent())
+
+        assert np.linalg.norm(said - exact) < np.sqrt(2.0 * LOST) * np.linalg.norm(exact)
+
+
+def own_coherence():
+    """Return the covariance of the filters of the paths of the charges."""
+    places = charges().places
+    apart = np.linalg.norm(places[:, None] - places, axis=-1)
+    return np.exp(-apart / 15.0) + 1e-6 * np.eye(N_HOLES)
+
+
+def test_filters_of_unit_factors_have_a_log_amplitude_of_one():
+    n = len(TIMES)
+    frequency = np.geomspace(BAND.low, BAND.high, 400)
+    kernels = log_filters(BAND, n, 64 * n)
+    grid = fft.rfftfreq(64 * n, DT)
+    inside = np.array([np.interp(frequency, grid, kernel.real) for kernel in kernels])
+
+    assert 2.0 * np.mean(np.sum(inside**2, axis=0)) == pytest.approx(1.0, rel=0.03)
+
+
+def test_what_is_most_probable_solves_the_normal_equations():
+    own, at = linear(), Levels(scatter=(2e-2,), holes=(0.2,))
+    bare = error(at)
+    whole = replace(bare, blocks=replace(bare.blocks, paths=own.paths), nuisances=own.columns)
+    residual = BAND.project(sent(drawn(0.2, np.random.default_rng(3))) - sent())
+    level, factors, left = whole.most_probable(residual)
+
+    columns = 0.2 * own.columns.columns.reshape(len(factors), -1)
+    size = own.paths.shape[-1]
+    covariance = np.zeros((N_RECEIVERS * size, N_RECEIVERS * size))
+    for r in range(N_RECEIVERS):
+        each = slice(r * size, (r + 1) * size)
+        covariance[each, each] = whole.blocks._total(2e-2, 0.0)[0, r] + 0.04 * own.paths[0, r]
+    inner = columns @ np.linalg.solve(covariance, columns.T) + np.eye(len(columns))
+    known = np.linalg.solve(inner, columns @ np.linalg.solve(covariance, residual.ravel()))
+    rest = np.linalg.solve(covariance, residual.ravel() - known @ columns)
+
+    assert level.holes == 0.2
+    assert set(whole.nuisances.groups) == {HOLES}
+    np.testing.assert_allclose(factors, 0.2 * known, rtol=1e-6, atol=1e-9)
+    np.testing.assert_allclose(left.ravel(), rest, rtol=1e-6, atol=1e-6 * np.abs(rest).max())
+
+
+def test_scales_of_varied_holes_are_named_without_the_level_alone():
+    rng, around = np.random.default_rng(5), error()
+    moved = BAND.project(sent(drawn(0.2, rng)) - sent())
+    scaled = [0.3 * BAND.project(sent(scale(h)) - sent()) for h in range(N_HOLES)]
+    own, _, levels = learned_variation(lambda _: around, {0: charges()}, BAND, moved, VARIED)
+    whole, rest = with_variation(around, own, levels), moved - BAND.project(own.change)
+
+    without = around.scores(moved[None], [Change(np.array(scaled))]).log_bayes[0, 0]
+    (beside,) = whole.scores(rest[None], [Change(np.array(scaled))]).log_bayes[0]
+
+    assert without > 10.0
+    assert beside < 0.0
+
+
+def scale(hole):
+    """Return filters by which one charge sends e times as much."""
+    own = np.zeros((N_HOLES, 5))
+    own[hole, 0] = np.sqrt(2.5)
+    return Filters(own, np.zeros((N_HOLES, N_RECEIVERS, 5)))

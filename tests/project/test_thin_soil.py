@@ -1,0 +1,148 @@
+"""Thin soil by project files: widths, orders by cost, surveyed ground, faults that cut it."""
+
+import subprocess
+from importlib import resources
+from pathlib import Path
+
+import numpy as np
+import pytest
+from command_line import python
+from slipping_box import digest
+
+from pyblast.project.checks_ground import summarise_model
+from pyblast.project.project import Project
+from pyblast.solver.assembly import time_step
+from pyblast.solver.line_implicit import line_zones, steps_of_zones
+from pyblast.solver.preparation import export, prepare
+from pyblast.solver.run import integrated, simulate
+
+ROCK = {"density_kg_per_m3": 2600.0, "cp_m_per_s": 4300.0, "cs_m_per_s": 2500.0, "qp": 100.0,
+        "qs": 50.0, "quality_band_hz": [3.0, 100.0]}  # fmt: skip
+SOIL = ROCK | {"density_kg_per_m3": 1900.0, "cp_m_per_s": 500.0, "cs_m_per_s": 250.0,
+               "qp": 20.0, "qs": 20.0}  # fmt: skip
+SIDES = ["west", "east", "south", "north", "bottom"]
+TIMES = np.arange(0.0, 0.1, 5e-4)
+PULSE = 1e9 * np.exp(-(((TIMES - 0.03) / 0.006) ** 2))
+
+
+def project(folder, thickness=2.0, receivers=((330.0, 60.0),), soil=SOIL, joints=(), **mesh):
+    lines = [f"{t:.4f},{rate:.9g}" for t, rate in zip(TIMES, PULSE, strict=True)]
+    (folder / "rate.csv").write_text("time_s,moment_rate_Nm_per_s\n" + "\n".join(lines))
+    layers = [{"material": "soil", "thickness_m": thickness}, {"material": "rock"}]
+    tables = {
+        "title": "Thin soil",
+        "mesh": {"origin_m": [0.0, 0.0, -60.0], "size_m": [360.0, 120.0, 60.0],
+                 "frequency_hz": 60.0, "layers": layers, **mesh},
+        "materials": {"rock": ROCK, "soil": soil},
+        "boundaries": {"viscous": SIDES, "free": ["top"]},
+        "moment_tensors": [{"position_m": [40.0, 60.0, -20.0], "file": "rate.csv",
+                            "tensor": [1.0, 1.0, 1.0, 0.0, 0.0, 0.0]}],
+        "receivers": [{"name": f"R{number}", "position_m": list(at)}
+                      for number, at in enumerate(receivers)],
+        "joints": {name: {"law": "elastic", "kn_gpa_per_m": 1.0, "ks_gpa_per_m": 0.5}
+                   for name in joints},
+        "run": {"duration_s": 0.1},
+    }  # fmt: skip
+    return Project.from_dict(tables, folder)
+
+
+def test_soil_is_as_wide_as_rock_where_all_receivers_are_beyond_its_trapped_waves(tmp_path):
+    """At 60 Hz 2 m of it take half a period; 3 x 4QH/pi are 153 m."""
+    far, near = (
+        project(tmp_path, receivers=at) for at in ([(330.0, 60.0)], [(330.0, 60.0), (120.0, 60.0)])
+    )
+
+    wide = [float(np.ptp(each.mesh.points[each.mesh.zones[:, :2], 0], axis=1).max())
+            for each in (far, near)]  # fmt: skip
+
+    assert wide[0] > 1.6 * wide[1]
+    assert far.cost.seconds < 0.3 * near.cost.seconds
+    assert far.accuracy.band.carried > 0.95 * 60.0
+    assert near.accuracy.band.carried > 0.95 * 60.0
+
+
+@pytest.mark.parametrize("thickness", [0.5, 2.0])
+def test_the_order_is_the_one_of_the_least_cost(tmp_path, thickness):
+    own = project(tmp_path, thickness)
+    costs = {}
+    for order in (3, 4, 5):
+        table = own.sized.mesh.model_copy(update={"order": order})
+        costs[order] = own.price(table).seconds
+
+    built = summarise_model(own)
+
+    order = int(built.elements.split("order ")[1][0])
+    assert costs[order] < 1.3 * min(costs.values())
+
+
+def uneven(folder, kind, soil=SOIL):
+    """Return half a metre of soil with a surveyed surface, over joints that dip, cut by a fault."""
+    if kind == "survey":
+        x, y = (each.ravel() for each in np.meshgrid(*(np.linspace(0.0, 120.0, 25),) * 2))
+        rows = np.column_stack([x, y, 0.1 * np.sin(x / 25.0) * np.cos(y / 20.0)])
+        np.savetxt(folder / "top.csv", rows, delimiter=",", header="x_m,y_m,z_m", comments="")
+        parts = {"surface_file": "top.csv"}
+    elif kind == "fault":
+        fault = {"name": "F", "through_m": [75.0, 60.0, 0.0], "dip_deg": 70,
+                 "dip_direction_deg": 90}  # fmt: skip
+        parts = {"joints": "F", "faults": [fault]}
+    else:
+        dips = {"name": "J", "dip_deg": 60, "dip_direction_deg": 90, "spacing_m": 60,
+                "regions": ["rock"]}  # fmt: skip
+        parts = {"joints": "J", "joint_sets": [dips]}
+    return project(folder, 0.5, [(100.0, 70.0)], soil, size_m=[120.0, 120.0, 60.0], **parts)
+
+
+KINDS = ["survey", "fault", "joints below"]
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_step_on_uneven_ground_is_that_of_the_rock(tmp_path, kind):
+    own = uneven(tmp_path, kind).model
+    bounds = steps_of_zones(own)
+    soil = own.mesh.zone_group == own.mesh.groups.index("soil")
+
+    assert np.array_equal(line_zones(own, bounds), soil)
+    # A quarter of the mass of line-implicit zones is kept for their stiffness across the lines.
+    assert time_step(own)[0] > np.sqrt(0.75) * own.step_factor * bounds[0][~soil].min()
+    assert time_step(own)[0] > 1.5 * own.step_factor * bounds[0][soil].min()
+    assert own.highest_frequency()["soil"] > 0.95 * 60.0
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_energy_on_uneven_ground_is_balanced_to_rounding(tmp_path, kind):
+    own = uneven(tmp_path, kind)
+
+    run = own.simulate()
+
+    assert run.balance_error < 1e-12
+
+
+SCRIPT = """
+import tempfile
+import json
+from pathlib import Path
+from pyblast import _core
+from pyblast.solver.run import simulate
+from slipping_box import digest
+from test_thin_soil import uneven
+_core.pyblast_kinds.least_shared = 1
+with tempfile.TemporaryDirectory() as folder:
+    print(json.dumps(digest(simulate(uneven(Path(folder), "{kind}").model, 0.03))))
+"""
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_uneven_ground_has_the_same_bits_on_threads_and_by_the_program(tmp_path, monkeypatch, kind):
+    monkeypatch.chdir(Path(__file__).parent)
+    program = resources.files("pyblast") / "bin" / "pyblast-run"
+    model = uneven(tmp_path, kind).model
+    run, prepared = simulate(model, 0.03), prepare(model, 0.03)
+
+    assert python(SCRIPT.replace("{kind}", kind), threads=2) == digest(run)
+    if not program.is_file():
+        pytest.skip("pyblast was built without the program pyblast-run")
+    export(prepared, tmp_path / "model.h5")
+    subprocess.run([str(program), tmp_path / "model.h5", tmp_path / "out.h5"], check=True)
+    stored = integrated(model, prepared, tmp_path / "out.h5")
+    assert np.array_equal(stored.seismograms["R0"].velocity, run.seismograms["R0"].velocity)

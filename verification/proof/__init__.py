@@ -1,0 +1,1 @@
+"""Proof: every registered case answered once by one version of the program."""

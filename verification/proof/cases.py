@@ -1,0 +1,214 @@
+"""Cases of the proof by name: what is true of each, sealed by a digest, and how it is answered.
+
+Five kinds: sites of an independent program with real geometry (``site``) and with flat layers
+(``flat``), drawn sites with real noise (``drawn``; ``trial`` by a seed for development), the mine
+of the paper (``mine``), simulated drops of a ball on a bar of rock (``drop``).
+"""
+
+import fcntl
+import hashlib
+import json
+import os
+import sys
+import tomllib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks.blind.drawing import drawn
+from benchmarks.blind.plan import DEVELOPMENT_SEED, PROOF_CASES, PROOF_SEED, Draw, plan
+from examples.gol_e_gohar import diagnose as mine
+from pyblast.errors import InputError
+
+from .drawn import answered as answered_drawn
+
+ROOT = Path(__file__).resolve().parents[2]
+SHARED = ROOT.parent / "shared"
+TRIAL_CASES = 40
+DIGITS = 9  # of a number in a truth: further ones differ from machine to machine
+# Kinds and whether their truths were known to the authors when they were registered.
+KNOWN = {"site": True, "flat": True, "drawn": False, "mine": True, "drop": True, "trial": True}
+
+
+def folder_of(kind: str) -> Path:
+    """Return the folder of the cases of an independent program."""
+    if kind == "site":
+        return Path(os.environ.get("PYBLAST_SITES", SHARED / "sites"))
+    return Path(os.environ.get("PYBLAST_CASES", SHARED / "cases"))
+
+
+def digest_of(truth: Any) -> str:
+    """Return the SHA-256 of a truth: bytes as they are, else as JSON of rounded numbers."""
+    if not isinstance(truth, bytes):
+        truth = json.dumps(_rounded(truth), sort_keys=True).encode()
+    return hashlib.sha256(truth).hexdigest()
+
+
+def truths() -> Iterator[tuple[str, Any]]:
+    """Yield the name and the truth of each case that can be registered here.
+
+    Sites of the independent program are left out where their folder is not there.
+    """
+    for kind in ("site", "flat"):
+        for file in sorted((folder_of(kind) / "truth").glob("case-*/truth.toml")):
+            yield f"{kind}-{file.parent.name.removeprefix('case-')}", file.read_bytes()
+    for draw in plan(PROOF_CASES, PROOF_SEED):
+        yield draw.name.replace("case", "drawn"), drawn(draw).truth
+    for number, (trial, (effect, physics, _, _, change)) in enumerate(mine.TRIALS.items()):
+        rules = mine.SPEEDS, mine.STIFFNESSES, mine.NOISE, mine.SCATTER, mine.TURN
+        yield f"mine-{number}", [trial, effect, physics, change, rules]
+    for row in _drops().drawn():
+        yield f"drop-{row['trial']:02d}", row
+
+
+def truth_of(name: str) -> Any:
+    """Return the truth of a case.
+
+    Raises
+    ------
+    InputError
+        If there is no such case here.
+    """
+    kind, _, number = name.partition("-")
+    if kind in ("drawn", "trial"):
+        return drawn(_draw(name)).truth
+    if kind in ("site", "flat"):
+        file = folder_of(kind) / "truth" / f"case-{number}" / "truth.toml"
+        if file.is_file():
+            return file.read_bytes()
+    found = dict(truths()) if kind in ("mine", "drop") else {}
+    if name not in found:
+        raise InputError(f"proof: {name} is not here; see verification/proof/registered.json")
+    return found[name]
+
+
+def answered(name: str, store: Path) -> dict:
+    """Answer a case and set the answer beside its truth.
+
+    Returns
+    -------
+    dict
+        As of `drawn.row_of`, with ``energy`` that the effects change, ``length`` (d') and
+        ``processor_s``; a crash is an answer, too, with outcome ``CRASH``.
+    """
+    kind, _, number = name.partition("-")
+    if kind in ("drawn", "trial"):
+        return answered_drawn(_draw(name), store)
+    if kind in ("site", "flat"):
+        return _answered_folder(kind, f"case-{number}", store)
+    return _answered_mine(int(number)) if kind == "mine" else _answered_drop(int(number), store)
+
+
+def as_crash(name: str, error: Exception) -> dict:
+    """Return the row of a case whose diagnosis raised an error."""
+    truth, kind = truth_of(name), name.partition("-")[0]
+    if kind in ("site", "flat"):
+        row = _row_of_folder(truth)
+    elif kind in ("drawn", "trial"):
+        row = {"block": truth["block"], "truth": [part["label"] for part in truth["effects"]]}
+    else:
+        label = truth[1] if kind == "mine" else truth["kind"] != "null" and truth["truth"]
+        row = {"block": "single" if label else "null", "truth": [label] if label else []}
+    return row | {"outcome": "CRASH", "named": [], "class": [], "error": repr(error)}
+
+
+def _draw(name) -> Draw:
+    """Return the draw of a case."""
+    kind, _, number = name.partition("-")
+    count, seed = {"drawn": (PROOF_CASES, PROOF_SEED), "trial": (TRIAL_CASES, DEVELOPMENT_SEED)}[
+        kind
+    ]
+    if not number.isdigit() or int(number) >= count:
+        raise InputError(f"proof: {name} is no case; {kind}-000 to {kind}-{count - 1:03d} are")
+    return plan(count, seed)[int(number)]
+
+
+def _rounded(value):
+    """Return a truth whose numbers have no more than `DIGITS` digits."""
+    if isinstance(value, dict):
+        return {key: _rounded(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_rounded(item) for item in value]
+    return float(f"{value:.{DIGITS}g}") if isinstance(value, float) else value
+
+
+def _row_of_folder(content):
+    """Return what a truth file of the independent program says."""
+    truth = tomllib.loads(content.decode())
+    labels = [label for label in truth["effects"] if label != "null"]
+    outside = "outside" if truth.get("out_of_library") else None
+    block = outside or ("null", "single", "two")[min(len(labels), 2)]
+    return {"block": block, "truth": labels, "energy": truth["effect_energy_mean_affected"]}
+
+
+def _answered_folder(kind, name, store):
+    """Answer a site of the independent program."""
+    from verification.foreign import judged  # which asks for a machine of its own kind
+
+    row = judged(folder_of(kind), name, store, None, {})
+    truth = truth_of(name.replace("case", kind))
+    answer = json.loads((store / name / "diagnosis.json").read_text(encoding="utf-8"))
+    misfits = row["further_blast_misfit"]
+    words = {"before": "calibrated", "after": "diagnosed"}
+    return _row_of_folder(truth) | {
+        "outcome": row["outcome"], "named": row["named"] if row["outcome"] != "CLASS" else [],
+        "class": row["class"], "length": None, "metres": _metres(truth, answer),
+        "covered": [each["low"] <= each["true"] <= each["high"]
+                    for each in row["intervals"].values()],
+        "held_out": {key: round(1.0 - misfits[word], 5) for key, word in words.items()
+                     if misfits[word] is not None},
+        "processor_s": round(row["processor_s"] + row["kept_s"], 1),
+    }  # fmt: skip
+
+
+def _metres(content, answer):
+    """Return how far a void was located from its middle, or None."""
+    truth = tomllib.loads(content.decode())
+    void = truth["parameters"].get("void", {})
+    at = truth.get("in_project_coordinates", {}).get(
+        "void_centre_m", [void.get("x"), void.get("y")]
+    )
+    points = (answer["located"] or {}).get("points", [])
+    if at[0] is None or not points:
+        return None
+    return round(float(np.hypot(points[0]["x"] - at[0], points[0]["y"] - at[1])), 1)
+
+
+def _answered_mine(number):
+    """Answer a trial of the mine."""
+    row = mine.judged(list(mine.TRIALS)[number], number + 1)
+    labels = [row["concealed"]] if row["concealed"] else []
+    return {
+        "block": "single" if labels else "null", "truth": labels, "outcome": row["outcome"],
+        "named": row["named"], "class": row["class"], "metres": None, "covered": [],
+        "energy": None, "length": None, "processor_s": None,
+        "held_out": {key: row[f"explained_{key}"] for key in ("before", "after")},
+    }  # fmt: skip
+
+
+def _drops():
+    """Return the module of the drops, whose own modules import each other by their bare names."""
+    folder = str(ROOT / "examples" / "ball_drops")
+    if folder not in sys.path:
+        sys.path.insert(0, folder)
+    import trials
+
+    return trials
+
+
+def _answered_drop(number, store):
+    """Answer a trial of the drops; their stored runs are shared, so one at a time."""
+    trials = _drops()
+    store.mkdir(parents=True, exist_ok=True)
+    with (store / "lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        survey = trials.read_survey()
+        row = trials.tried(trials.drawn()[number], survey, trials.bank_of(survey, store), store)
+    return {
+        "block": "single" if row["concealed"] else "null", "truth": row["expected"],
+        "outcome": row["outcome"], "named": row["named"], "class": row["rivals"], "metres": None,
+        "covered": [], "energy": None, "length": None, "held_out": {},
+        "processor_s": row["processor_s"],
+    }  # fmt: skip

@@ -1,0 +1,221 @@
+"""Page of the proof in docs/quality/diagnosis.md, its picture, and the lines of README."""
+
+from collections import Counter
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from pyblast.files import write_text
+from verification.markdown import reflow
+from verification.rows import Rows
+
+from .answers import first_answers, versions
+from .registered import KINDS, changed_thresholds, registered
+from .scores import (
+    ENERGIES,
+    TARGETS,
+    answer_word,
+    clopper_pearson,
+    confusion,
+    gains,
+    in_library_words,
+    met,
+    percent,
+    power,
+    right,
+    shares,
+    truth_word,
+)
+
+ROOT = Path(__file__).resolve().parents[2]
+PAGE, README = ROOT / "docs" / "quality" / "diagnosis.md", ROOT / "README.md"
+FIGURE = ROOT / "docs" / "figures" / "proof.png"
+BEGIN, END = "<!-- proof: from verification/proof.json -->", "<!-- end of proof -->"
+README_BEGIN, README_END = "<!-- first answers -->", "<!-- end of first answers -->"
+NOT_ANSWERED = "not answered"
+VERDICT = {True: "met", False: "**missed**", None: NOT_ANSWERED}
+
+
+def write_pages(rows: Rows):
+    """Write what the first answers of the version with most of them say."""
+    version = next(iter(versions(rows)), None)
+    answers = first_answers(rows, version) if version else {}
+    if answers:
+        _draw(in_library_words(answers))
+    _between(PAGE, BEGIN, END, page(rows, version, answers))
+    _between(README, README_BEGIN, README_END, summary(version, answers))
+
+
+def page(rows: Rows, version: str | None, answers: Rows) -> str:
+    """Return the part of the page that rows write.
+
+    Parameters
+    ----------
+    rows : dict
+        All that were ever given.
+    version : str or None
+    answers : dict
+        First answers of that version by case.
+    """
+    cases = registered()["cases"]
+    parts = [
+        f"{summary(version, answers)} [Rules, thresholds and the list of cases](registration.md) "
+        "were registered before.", _kinds(cases, answers), "### What was to be reached",
+        _targets(answers),
+    ]  # fmt: skip
+    changed = changed_thresholds()
+    if changed:
+        parts.append(f"Thresholds changed since they were registered: {'; '.join(changed)}.")
+    if answers:
+        own = in_library_words(answers)
+        parts += [
+            "### Truth against answer",
+            "![Confusion matrix of first answers](../figures/proof.png)", matrix(own),
+            "### Power against energy", _power(own), "### Numbers", _numbers(own),
+            "### First answers", _answers(rows, version, answers),
+        ]  # fmt: skip
+    return reflow("\n\n".join(parts))
+
+
+def summary(version: str | None, answers: Rows) -> str:
+    """Say which version answered how many cases when, and how many rightly."""
+    cases = registered()["cases"]
+    if not answers:
+        return f"None of {len(cases)} registered cases is answered by this version yet."
+    dates = sorted(row["date"] for row in answers.values())
+    own = in_library_words(answers)
+    nulls = [row for row in own if not row["truth"]]
+    single = [row for row in own if row["block"] == "single"]
+    silent = len(nulls) - sum(shares(answers)["alarms"])
+    failed = sum(row["outcome"] == "CRASH" for row in answers.values())
+    return (
+        f"Version `{version}` has answered {len(answers)} of {len(cases)} registered cases "
+        f"({dates[0]} to {dates[-1]}), each once: it claims nothing on {silent} of {len(nulls)} "
+        f"nulls, names {sum(map(right, single))} of {len(single)} single effects, and crashed "
+        f"{failed} times."
+    )
+
+
+def matrix(rows: list[dict]) -> str:
+    """Return the confusion matrix as a table."""
+    truths, answers, counts = confusion(rows)
+    head = " | ".join(map(_code, answers))
+    lines = [f"| truth | {head} | all |", "|---" * (len(answers) + 2) + "|"]
+    for truth, own in zip(truths, counts, strict=True):
+        cells = " | ".join(str(n) if n else "" for n in own)
+        lines.append(f"| {_code(truth)} | {cells} | {own.sum()} |")
+    return "\n".join(lines)
+
+
+def _kinds(cases, answers):
+    """Return how many cases of each kind are answered."""
+    lines = ["| kind | cases | answered | right |", "|---|---|---|---|"]
+    for kind, words in KINDS.items():
+        own = [row for name, row in answers.items() if name.startswith(f"{kind}-")]
+        count = sum(name.startswith(f"{kind}-") for name in cases)
+        good = sum(right(row) or (not row["truth"] and row["outcome"] == "NULL") for row in own)
+        lines.append(f"| {words} | {count} | {len(own) or NOT_ANSWERED} | {good if own else ''} |")
+    return "\n".join(lines)
+
+
+def _targets(answers):
+    """Return the shares beside what they were to reach."""
+    lines = ["| | target | share | 95 % interval | cases | |", "|---|---|---|---|---|---|"]
+    told = shares(answers)
+    for target in TARGETS:
+        hits = told[target.name]
+        cells = f"{NOT_ANSWERED} | | 0"
+        if hits:
+            low, high = clopper_pearson(sum(hits), len(hits))
+            span = f"{percent(low, 1)} to {percent(high, 1)}"
+            cells = f"{percent(np.mean(hits))} | {span} | {len(hits)}"
+        verdict = VERDICT[met(target, hits)]
+        of = f" of {target.least} needed" if hits and len(hits) < target.least else ""
+        lines.append(f"| {target.words} | {target.sign} {percent(target.share)} | {cells}{of} "
+                     f"| {verdict} |")  # fmt: skip
+    return "\n".join(lines)
+
+
+def _power(rows):
+    """Return how many effects were named, by label and share of energy that they change."""
+    edges = [f"{100 * low:g} to {100 * high:g} %" if np.isfinite(high) else f"over {100 * low:g} %"
+             for low, high in pairwise(ENERGIES)]  # fmt: skip
+    lines = ["| effect | " + " | ".join(edges) + " |", "|---" * (len(edges) + 1) + "|"]
+    for label, pairs in power(rows).items():
+        cells = " | ".join(f"{hits} of {count}" if count else "" for hits, count in pairs)
+        lines.append(f"| `{label}` | {cells} |")
+    if len(lines) == 2:
+        return f"Single effects: {NOT_ANSWERED}."
+    words = "Single effects named, and nothing else, by the energy that they change:"
+    return "\n".join([words, "", *lines])
+
+
+def _numbers(rows):
+    """Return located distances, gains, coverage and time."""
+    metres = [row["metres"] for row in rows if row.get("metres") is not None]
+    covered = [hit for row in rows for hit in row.get("covered", ())]
+    seconds = [row["processor_s"] for row in rows if row.get("processor_s") is not None]
+    inside = NOT_ANSWERED
+    if covered:
+        low, high = clopper_pearson(sum(covered), len(covered))
+        share, low, high = map(percent, (np.mean(covered), low, high))
+        inside = f"{share} ({low} to {high}) of {len(covered)}"
+    lines = ["| | |", "|---|---|", f"| place off by, median | {_median(metres, '.1f', ' m')} |"]
+    for key, words in (("after", "the answer"), ("second", "the second best effect"),
+                       ("right", "the right model")):  # fmt: skip
+        lines.append(f"| energy of unseen records explained beyond the calibrated site by {words}, "
+                     f"median | {_median(gains(rows, key), '.3f', '')} |")  # fmt: skip
+    lines.append(f"| parameters inside their 90 % intervals | {inside} |")
+    lines.append(f"| processor of a case, median | {_median(seconds, '.0f', ' s')} |")
+    return "\n".join(lines)
+
+
+def _answers(rows, version, answers):
+    """Return the table of all first answers, with those of other versions beside."""
+    lines = ["| case | truth | answer | processor s | other answers |", "|---|---|---|---|---|"]
+    for name, row in answers.items():
+        others = Counter(
+            answer_word(other) for key, other in rows.items()
+            if key.split()[0] == name and key != f"{name} {version}"
+        )  # fmt: skip
+        beside = ", ".join(f"{_code(word)}{f' ({n}×)' * (n > 1)}" for word, n in others.items())
+        spent = row.get("processor_s")
+        seconds = NOT_ANSWERED if spent is None else f"{spent:.0f}"
+        lines.append(f"| {name} | {_code(truth_word(row))} | {_code(answer_word(row))} | {seconds} "
+                     f"| {beside} |")  # fmt: skip
+    return "\n".join(lines)
+
+
+def _median(values, form, unit):
+    """Return a median with its count in words."""
+    return f"{np.median(values):{form}}{unit} (of {len(values)})" if len(values) else NOT_ANSWERED
+
+
+def _code(word):
+    """Return labels as code; outcomes and words as they are."""
+    return f"`{word}`" if "_" in word else word
+
+
+def _draw(rows):
+    """Draw the confusion matrix."""
+    truths, answers, counts = confusion(rows)
+    figure = Figure(figsize=(2.5 + 0.4 * len(answers), 2.0 + 0.3 * len(truths)))
+    axes = figure.subplots()
+    axes.imshow(counts / counts.sum(axis=1, keepdims=True), cmap="Blues", vmin=0.0, vmax=1.0)
+    for (row, column), count in np.ndenumerate(counts):
+        if count:
+            axes.text(column, row, str(count), ha="center", va="center", fontsize=8)
+    axes.set_xticks(range(len(answers)), answers, rotation=60, ha="right", fontsize=7)
+    axes.set_yticks(range(len(truths)), truths, fontsize=7)
+    axes.set(xlabel="answer", ylabel="truth")
+    figure.tight_layout()
+    figure.savefig(FIGURE, dpi=100)
+
+
+def _between(file, begin, end, text):
+    """Put a text between two marks of a page."""
+    before, rest = file.read_text(encoding="utf-8").split(begin)
+    after = rest[rest.index(end) :]
+    write_text(file, f"{before}{begin}\n\n{reflow(text)}\n\n{after}")

@@ -1,0 +1,150 @@
+"""Registration: digests of truths, rules and thresholds, fixed before any case is answered."""
+
+import json
+from collections.abc import Iterable
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from pyblast.diagnosis.thresholds import threshold_rows
+from pyblast.errors import InputError
+from pyblast.files import write_text
+from verification.markdown import reflow
+from verification.rows import program
+
+from .cases import KNOWN, digest_of, truth_of
+from .scores import TARGETS, percent
+
+FILE = Path(__file__).with_name("registered.json")
+PAGE = Path(__file__).resolve().parents[2] / "docs" / "quality" / "registration.md"
+KINDS = {
+    "site": "sites with real geometry of an independent spectral-element program",
+    "flat": "flat sites of an independent program of finite differences",
+    "drawn": "sites drawn by a seed, simulated by pyblast by other laws; real noise",
+    "mine": "the mine of Gol-e-Gohar on a smaller model, simulated by pyblast on a finer mesh",
+    "drop": "drops of a ball on a bar of rock, simulated with drawn sensors and noise",
+}
+WORDS = """# Registration of the proof
+
+Written by `./dev proof register` on {date} for program `{program}` (digest of the source: Python,
+Fortran and the tables of limits, layouts, titles and priors). It states what counts before the
+cases are answered. `./dev proof` answers each case once and writes [what came out](diagnosis.md).
+
+## Rules
+
+1. A version of the program is the digest of its source. It answers each case once, with the
+   options that a user gets who gives none.
+2. The first answer of a version to a case stays for ever in `verification/proof.json`. A later
+   one stands beside it and counts for nothing.
+3. A truth is compared with its digest before a case is answered, and read after the answer. A case
+   whose truth has changed is refused.
+4. A crash is an answer, and wrong. A case that has no row is not answered: it counts neither for
+   nor against.
+5. On a null every outcome but NULL and UNKNOWN is a false alarm. An answer is right if it names
+   all that is true and nothing else. A name is wrong if it is not true.
+6. Cases may be added to the list by another seed. None is changed or leaves. What a wrong answer
+   teaches may change the program; the row stays.
+7. The truths of sites, flat sites, mine and drops were known to the authors when this page was
+   written, and earlier versions answered many of them: these are no blind cases. Those drawn had
+   been neither simulated nor looked at; their truths follow from seed {seed}, so that anybody can
+   check their digests.
+
+## What is to be reached
+
+{targets}
+
+Each with its 95 % interval by Clopper and Pearson, whether met or not.
+
+## Thresholds
+
+As `pyblast/diagnosis/thresholds.py` had them; meaning and origin of each are in
+[thresholds](../reference/thresholds.md).
+
+{thresholds}
+
+## Cases
+
+{kinds}
+
+Digests are the SHA-256 of a truth file, or of a drawn truth as JSON whose numbers have nine
+digits.
+
+{cases}
+"""
+
+
+def registered() -> dict[str, Any]:
+    """Return the registration: ``date``, ``program``, ``thresholds``, ``cases``; empty at first."""
+    return json.loads(FILE.read_text(encoding="utf-8")) if FILE.is_file() else {"cases": {}}
+
+
+def register(truths: Iterable[tuple[str, Any]], answered: bool, seed: int):
+    """Add cases to the registration and write its page.
+
+    Parameters
+    ----------
+    truths : iterable of (str, object)
+        Name and truth.
+    answered : bool
+        Whether a case has an answer already: then rules, date and thresholds stay.
+    seed : int
+        Of the drawn cases.
+
+    Raises
+    ------
+    InputError
+        If the truth of a registered case is another one now.
+    """
+    before = registered()
+    new = {name: digest_of(truth) for name, truth in truths}
+    changed = [name for name in new if before["cases"].get(name, new[name]) != new[name]]
+    if changed:
+        raise InputError(f"proof: truths of {', '.join(changed)} are not those registered; "
+                         "registered cases are never changed, add others")  # fmt: skip
+    table = before | {"cases": dict(sorted((before["cases"] | new).items()))}
+    if not answered:
+        table |= {
+            "date": datetime.now(UTC).date().isoformat(), "program": program(), "seed": seed,
+            "thresholds": {row.name: row.value for row in threshold_rows()},
+        }  # fmt: skip
+    write_text(FILE, json.dumps(table, indent=1) + "\n")
+    write_text(PAGE, page(table))
+
+
+def checked(name: str):
+    """Refuse a case that isn't registered, or whose truth is another one than registered.
+
+    Raises
+    ------
+    InputError
+    """
+    sealed = registered()["cases"].get(name)
+    if sealed is None:
+        raise InputError(f"proof: {name} is not registered; run ./dev proof register first")
+    if digest_of(truth_of(name)) != sealed:
+        raise InputError(f"proof: the truth of {name} is not the one that was registered")
+
+
+def page(table: dict) -> str:
+    """Return the page of a registration."""
+    count = {kind: sum(name.startswith(f"{kind}-") for name in table["cases"]) for kind in KINDS}
+    kinds = "\n".join(
+        f"- `{kind}`: {count[kind]} {words}; truths {'known' if KNOWN[kind] else 'not known'}."
+        for kind, words in KINDS.items()
+    )
+    rows = "\n".join(f"| {name} | `{sealed}` |" for name, sealed in table["cases"].items())
+    limits = "\n".join(f"| `{name}` | {value:.4g} |" for name, value in table["thresholds"].items())
+    targets = "\n".join(f"- {target.words}: {target.sign} {percent(target.share)}, of at least "
+                        f"{target.least} cases." for target in TARGETS)  # fmt: skip
+    return reflow(WORDS.format(
+        date=table["date"], program=table["program"], seed=table["seed"], targets=targets,
+        kinds=kinds, thresholds=f"| threshold | value |\n|---|---|\n{limits}",
+        cases=f"| case | digest of its truth |\n|---|---|\n{rows}",
+    ))  # fmt: skip
+
+
+def changed_thresholds() -> list[str]:
+    """Return the thresholds that are others now than registered, in words."""
+    before, now = registered().get("thresholds", {}), threshold_rows()
+    return [f"`{row.name}` {before.get(row.name)} → {row.value:.4g}"
+            for row in now if before.get(row.name) != row.value]  # fmt: skip
