@@ -41,6 +41,7 @@ class LayerConfig(Section):
 
     material: Name
     thickness_m: Positive | None = None
+    follows_surface: bool = False
     edge_m: Positive | None = None
     edges_per_wavelength: Factor | None = None
 
@@ -198,6 +199,8 @@ class MeshConfig(Section):
             return self
         if not self.layers:
             raise ValueError("layers is missing; give [[mesh.layers]] with a material")
+        if self.surface_file is None and any(part.follows_surface for part in self.layers):
+            raise ValueError("layers.follows_surface goes with surface_file")
         wanted = any(part.edges_per_wavelength is not None for part in [self, *self.layers])
         if wanted and self.frequency_hz is None:
             raise ValueError("frequency_hz is missing beside edges_per_wavelength")

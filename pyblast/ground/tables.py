@@ -494,7 +494,10 @@ def make_geometry(mesh, viscous, surface=None) -> Geometry:
     with named_error("mesh"):
         return Geometry(
             np.column_stack([low, low + mesh.size_m]),
-            tuple(Layer(part.material, part.thickness_m) for part in mesh.layers),
+            tuple(
+                Layer(part.material, part.thickness_m, follows_surface=part.follows_surface)
+                for part in mesh.layers
+            ),
             tuple(sets),
             tuple(faults),
             surface,

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from itertools import pairwise, permutations
+from itertools import pairwise, permutations, takewhile
 from math import prod
 from typing import Any
 
@@ -60,11 +60,14 @@ class Layer:
         None: down to the bottom.
     edge : float or None, m
         Mean edge of its zones; None: that of the whole mesh.
+    follows_surface : bool
+        Whether it is as thick everywhere under a surveyed surface; else its foot is level.
     """
 
     name: str
     thickness: float | None = None
     edge: float | None = None
+    follows_surface: bool = False
 
     def __post_init__(self) -> None:
         """Check thickness and edge."""
@@ -217,6 +220,20 @@ class Geometry:
     def __post_init__(self) -> None:
         """Check the layers and the names of the sides."""
         layer_limits(self.layers, *self.box[2, ::-1])
+        following = [layer.follows_surface for layer in self.layers]
+        if any(following[len(self.depths) :]):
+            name = self.layers[following.index(True, len(self.depths))].name
+            raise InputError(
+                f"layer {name!r}.follows_surface: must stand in all layers above it, too, and not "
+                "in the last one"
+            )
+        for part in self.joint_sets:
+            cut = [layer.name in (part.regions or [layer.name]) for layer in self.layers]
+            if not all(cut) and any(cut[: len(self.depths)]):
+                raise InputError(
+                    f"{part.name}.regions: must leave out the layers that follow the surface, or "
+                    "name all layers"
+                )
         if not self.standing <= set(SIDES):
             raise InputError(f"standing: must be of {', '.join(SIDES)}, got {self.standing}")
 
@@ -224,6 +241,17 @@ class Geometry:
     def limits(self) -> np.ndarray:
         """Heights (n_layers + 1,) in m between the layers, from the top down."""
         return layer_limits(self.layers, *self.box[2, ::-1])
+
+    @property
+    def depths(self) -> np.ndarray:
+        """Depths (n,) in m under the surface of the feet of layers that follow it, downward."""
+        following = takewhile(lambda layer: layer.follows_surface, self.layers[:-1])
+        return np.cumsum([layer.thickness or 0.0 for layer in following])
+
+    @property
+    def levels(self) -> np.ndarray:
+        """Heights (n,) in m between layers that do not follow the surface, from the top down."""
+        return self.limits[1 + len(self.depths) : -1]
 
     @property
     def open_sides(self) -> tuple[str, ...]:

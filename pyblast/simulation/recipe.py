@@ -18,7 +18,7 @@ from ..mesh.builder import TOLERANCE_SHARE
 from ..mesh.gmsh import MeshingError
 from ..mesh.grid import SIDES
 from ..mesh.hexahedral import mapped, subdivided, swept
-from ..mesh.hexahedral.mapped import Builder, Fine, NotMapped
+from ..mesh.hexahedral.mapped import Builder, Fine, NotMapped, Surface
 from ..mesh.mesh import Mesh, zone_edge_lengths
 from ..mesh.quality import explicit_work
 from ..model.material import ConstantQ
@@ -111,8 +111,20 @@ class Stations:
     @property
     def highest_source(self) -> float:
         """Height in m of the highest source; infinite where one stands on the ground."""
-        sources = [at for name, at in self.positions.items() if not name.startswith("receivers.")]
-        return max((at[2] if len(at) == 3 else np.inf for at in sources), default=-np.inf)
+        return max((at[2] if len(at) == 3 else np.inf for at in self._sources), default=-np.inf)
+
+    @property
+    def _sources(self):
+        """Positions of the sources."""
+        return [at for name, at in self.positions.items() if not name.startswith("receivers.")]
+
+    def least_depth(self, surface: Surface) -> float:
+        """Return the least depth in m of a source under a surface, infinite without sources."""
+        return min(
+            (float(surface.height(np.array([at[:2]]))[0]) - at[2] if len(at) == 3 else 0.0
+             for at in self._sources),
+            default=np.inf,
+        )  # fmt: skip
 
 
 def convergence(order: int) -> float:
@@ -307,6 +319,11 @@ def _around(source, margin):
 
 def _tetrahedra(ground, stations, asked, wave, reason):
     """Return a mesh of tetrahedra, cut more sharply where the first cut bends planes."""
+    if len(asked.depths):
+        raise InputError(
+            f"mesh.layers.follows_surface: asks for hexahedra between planes, here {reason}; leave "
+            "it out, so that layers are level, or leave out what stands in the way"
+        )
     materials, folder, parts = ground.materials, ground.folder, with_edges(ground)
     asked = replace(asked, faults=(*asked.faults, *make_fractures(parts, folder, ground.log)))
     sharp = SHARP * wave / TETRAHEDRA[parts.quadratic]
@@ -475,6 +492,8 @@ def obstacle_to_hexahedra(ground: Ground) -> str | None:
         return "mesh.grid_cells divides the box into tetrahedra"
     if mesh.refinements:
         return "mesh.refinements grade tetrahedra"
+    if np.ndim(ground.surface) == 3 and mesh.layers[0].follows_surface:
+        return "the ground surface is given as triangles"
     for layer in mesh.layers:
         law = materials[layer.material].law.name if layer.material in materials else "elastic"
         if law != "elastic":
@@ -596,23 +615,25 @@ def thin_layers(ground: Ground, stations: Stations) -> dict[str, float]:
     names = [part.material for part in mesh.layers]
     if top is None or not mesh.layers or mesh.file is not None:
         return {}
-    surface = mesh.origin_m[2] + mesh.size_m[2]
-    highest = 0.0
-    if ground.surface is not None:
+    following = mesh.layers[0].follows_surface
+    surface, highest, shares = mesh.origin_m[2] + mesh.size_m[2], 0.0, {}
+    source = surface - stations.highest_source
+    if following:
+        source = stations.least_depth(Surface(ground.geometry))
+    elif ground.surface is not None:
         highest = max(0.0, float(np.asarray(ground.surface)[..., 2].max()) - surface)
     relief = highest
-    shares = {}
     for part in mesh.layers[:-1]:
         rock = ground.materials[part.material]
-        if part.thickness_m is None or mean_edge(mesh, part, rock) is not None:
+        level = part.follows_surface != following
+        if part.thickness_m is None or level or mean_edge(mesh, part, rock) is not None:
             break
         height += part.thickness_m
         periods += top * (part.thickness_m + relief) / rock.cs
         grounds = [ground.materials[name] for name in (*thin, part.material)]
         beyond = stations.clearance > reach_of_trapped_waves(height + highest, grounds)
         relief, share = 0.0, share_of_edge(periods, beyond)
-        inside = stations.highest_source > surface - height
-        if not share or inside or names.count(part.material) > 1:
+        if not share or source < height or names.count(part.material) > 1:
             break
         thin.append(part.material)
         shares = dict.fromkeys(thin, share)

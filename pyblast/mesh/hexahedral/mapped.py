@@ -8,7 +8,7 @@ stay plane. A grid without slopes is a plain grid. Source: Gordon & Hall (1973).
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise, permutations
 from typing import Protocol
@@ -180,7 +180,8 @@ class Surface:
             raise NotMapped("the ground surface is given as triangles, which cut its blocks")
         self.inside = LinearNDInterpolator(survey[:, :2], survey[:, 2])
         self.outside = NearestNDInterpolator(survey[:, :2], survey[:, 2])
-        self.box = geometry.box[:2]
+        self.box, self.top = geometry.box[:2], float(geometry.box[2, 1])
+        self.depths = [*geometry.depths[::-1], 0.0]
         on = ((survey[:, :2] >= self.box[:, 0]) & (survey[:, :2] <= self.box[:, 1])).all(axis=1)
         edges = np.linspace(self.box[:, 0], self.box[:, 1], 41)
         x, y = np.meshgrid(*edges.T)
@@ -199,11 +200,34 @@ class Surface:
 
     def refuse_above(self, reference: float, edge: float) -> None:
         """Raise NotMapped where what ends at a reference height comes out of the ground."""
-        if reference > self.lowest - BELOW_SURFACE * edge:
+        cover = self.depths[0]
+        if reference > self.lowest - cover - BELOW_SURFACE * edge or reference >= self.top - cover:
+            less = f", with {cover:.4g} m of layers that follow it" if cover else ""
             raise NotMapped(
                 f"a plane, an end or a layer reaches {reference:.4g} m, and the ground surface "
-                f"goes down to {self.lowest:.4g} m"
+                f"goes down to {self.lowest:.4g} m{less}"
             )
+
+    def stretched(
+        self, z: np.ndarray, level: float, reached: Callable[[float], np.ndarray]
+    ) -> np.ndarray:
+        """Return heights (...) in m that are moved to the surface, with the layers that follow it.
+
+        Parameters
+        ----------
+        z : (...) float64, m
+            Where the top of the box is the surface.
+        level : float, m
+            Below which nothing moves.
+        reached : callable
+            ``(depth) -> (...) float64``: heights in m of what lies so deep under the surface.
+        """
+        moved, foot, low = z, level, level
+        for depth in self.depths:
+            height, place = reached(depth), self.top - depth
+            moved = np.where(z > low, foot + (z - low) * ((height - foot) / (place - low)), moved)
+            foot, low = height, place
+        return moved
 
 
 def side_names(frame: np.ndarray) -> list[list[str]]:
@@ -553,8 +577,7 @@ class _Grid:
 
     def _reference(self):
         """Set the height below which nothing moves, under a surveyed surface."""
-        limits = self.geometry.limits
-        reached = [limits[-1], *limits[1:-1]]
+        reached = [self.geometry.limits[-1], *self.geometry.levels]
         reached += [plane.point[2] for plane, axis, _, _ in self.parts if axis == 2]
         reached += [part[3][2] for part in self.parts if part[0].extent is not None]
         self.level = max(reached)
@@ -630,13 +653,16 @@ class _Grid:
         q, y, z = np.moveaxis(grid, -1, 0)
         if self.surface is not None:
             columns, inverse = np.unique(q.ravel() + 1j * y.ravel(), return_inverse=True)
-            ground = self._outcrop(np.real(columns), np.imag(columns))[inverse].reshape(q.shape)
-            stretch = (ground - self.level) / (self.range[2, 1] - self.level)
-            z = np.where(z > self.level, self.level + (z - self.level) * stretch, z)
+
+            def reached(depth):
+                heights = self._outcrop(np.real(columns), np.imag(columns), depth)
+                return heights[inverse].reshape(q.shape)
+
+            z = self.surface.stretched(z, self.level, reached)
         return np.stack([self._along(q, y, z), y, z], axis=-1) @ self.frame
 
-    def _outcrop(self, q, y):
-        """Return the height (n,) in m where lines of the grid meet the surface, by bisection.
+    def _outcrop(self, q, y, depth):
+        """Return the height (n,) in m where lines of the grid lie at a depth, by bisection.
 
         A line that meets it more than once is refused.
         """
@@ -644,7 +670,7 @@ class _Grid:
         def excess(z):
             x = np.clip(self._along(q, y, z), *self.range[0])
             horizontal = np.stack([x, np.clip(y, *self.range[1])], axis=-1) @ self.frame[:2, :2]
-            return z - self.surface.height(horizontal)
+            return z + depth - self.surface.height(horizontal)
 
         low = np.full(len(q), self.level)
         if not any(each.slopes.any() for each in self.family):

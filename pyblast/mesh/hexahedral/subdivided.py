@@ -54,6 +54,8 @@ def build_subdivided(
     """Build hexahedra of order 2 to 4 from tetrahedra, as a `mapped.Builder`."""
     if order not in ORDERS:
         raise NotMapped(f"tetrahedra are cut into hexahedra of order 2 to 4, not {order}")
+    if len(geometry.depths):
+        raise NotMapped("tetrahedra are not cut along layers that follow the surface")
     meshes, thick = [], np.diff(-geometry.limits)
     edges = [least_edge([size], thick[k : k + 1]) for k, size in enumerate(edge_pairs(sizes))]
     for factor in TRIALS:

@@ -365,7 +365,7 @@ class _Sweep:
 
     def _reference(self, surface):
         """Return the height below which the ground is level: no plane or layer ends above it."""
-        heights = [self.geometry.limits[-1], *self.geometry.limits[1:-1]]
+        heights = [self.geometry.limits[-1], *self.geometry.levels]
         for plane in self.planes:
             if abs(plane.normal[2]) > 1.0 - PARALLEL:
                 heights.append(plane.point[2])
@@ -695,10 +695,8 @@ class _Sweep:
         level = np.abs(self.frame[:, 2]) < 0.5
         along[..., level] = np.clip(along[..., level], *self.range[level].T)
         ground = surface.height((along @ self.frame)[..., :2])
-        z, top = positions[..., 2], self.geometry.box[2, 1]
-        stretch = (ground - self.level) / (top - self.level)
-        moved = positions.copy()
-        moved[..., 2] = np.where(z > self.level, self.level + (z - self.level) * stretch, z)
+        moved, z = positions.copy(), positions[..., 2]
+        moved[..., 2] = surface.stretched(z, self.level, lambda depth: ground - depth)
         return moved
 
 
