@@ -17,7 +17,14 @@ from numpy.typing import ArrayLike
 from . import hexahedra
 from .faces import pair_faces, zone_faces, zone_of_face
 from .grid import SIDES, Geometry, layer_limits
-from .mesh import Mesh, graph_components, locate_in_zones, surface_faces, zone_edge_lengths
+from .mesh import (
+    Mesh,
+    graph_components,
+    locate_in_zones,
+    surface_faces,
+    zone_edge_lengths,
+    zone_volumes,
+)
 
 OF_AREA = 0.01  # tolerance of areas, relative
 OF_WAVE = 0.02  # of lengths, over the shortest wavelength
@@ -155,6 +162,7 @@ def _ground(mesh, asked, short, positions) -> Iterator[Row]:
     for planes in _asked_planes(asked, box, ground):
         yield from _planes(mesh, planes, box, short)
     yield from _layers(mesh, asked, box, ground, short)
+    yield from _fills(mesh, asked, ground)
     yield from _stations(mesh, asked, ground, short, positions)
 
 
@@ -656,6 +664,11 @@ def _levels(asked):
             yield upper.name, lower.name, float(height), float(depth)
 
 
+def following(asked: Geometry) -> list[str]:
+    """Return the names of the rows of boundaries that follow the surface."""
+    return [f"{upper} on {lower}" for upper, lower, _, depth in _levels(asked) if depth]
+
+
 def _layers(mesh, asked, box, ground, short):
     """Yield area and height of the boundaries between layers."""
     levels, everywhere = list(_levels(asked)), [(-np.inf, np.inf)]
@@ -668,17 +681,36 @@ def _layers(mesh, asked, box, ground, short):
         same = [z for a, b, z, deep in levels if {a, b} == {upper, lower} and not deep]
         inside = ((nodes > box[:, 0] - EXACT) & (nodes < box[:, 1] + EXACT)).all(axis=1)
         own = nodes[inside & _nearest(nodes, height, same), 2]
-        flat = np.array(
-            [[box[0, i], box[1, j], height] for i, j in ((0, 0), (1, 0), (1, 1), (0, 1))]
-        )
-        wanted = _in_ground(flat, box, everywhere, ground)[0]
+        cut = [fill.box for fill in asked.fills if fill.box[2, 0] < height < fill.box[2, 1]]
+        ends = ((0, 0), (1, 0), (1, 1), (0, 1))
+        whole, *less = (
+            _in_ground(np.array([[part[0, i], part[1, j], height] for i, j in ends]), box,
+                       everywhere, ground)[0]
+            for part in (box, *cut)
+        )  # fmt: skip
         near = _nearest(triangles.mean(axis=1), height, same)
         built = _area_of(_in_box(triangles[near], box))[0]
         name, plan = f"{upper} on {lower}", float(np.ptp(box[:2], axis=1).prod())
-        yield Row(name, "area, m2", wanted, built, OF_AREA * plan)
+        yield Row(name, "area, m2", whole - sum(less), built, OF_AREA * plan)
         if len(own):
             worst = float(own[np.abs(own - height).argmax()])
             yield Row(name, "height of its worst node, m", height, worst, short)
+
+
+def _fills(mesh, asked, ground):
+    """Yield the volumes of fills in the box."""
+    volumes, middle = zone_volumes(mesh), mesh.points[mesh.zones].mean(axis=1)
+    inside = ((middle > asked.box[:, 0]) & (middle < [*asked.box[:2, 1], np.inf])).all(axis=1)
+    shares = (np.arange(SAMPLES) + 0.5) / SAMPLES
+    for fill in asked.fills:
+        low, high = np.clip(fill.box[:2], *asked.box[:2].T[:, :, None]).T
+        plan = np.stack(np.meshgrid(*(low + np.outer(shares, high - low)).T), axis=-1)
+        top = asked.box[2, 1] if ground is None else ground(plan)
+        foot = max(fill.box[2, 0], asked.box[2, 0])
+        deep = np.clip(np.minimum(top, fill.box[2, 1]) - foot, 0.0, None)
+        wanted = float(np.prod(high - low) * deep.mean())
+        own = inside & (mesh.zone_group == mesh.groups.index(fill.name))
+        yield Row(fill.name, "volume, m3", wanted, float(volumes[own].sum()), OF_AREA * wanted)
 
 
 def _nearest(positions, height, heights):

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from itertools import pairwise, permutations, takewhile
+from itertools import combinations, pairwise, permutations, takewhile
 from math import prod
 from typing import Any
 
@@ -75,6 +75,21 @@ class Layer:
             value = getattr(self, what)
             if value is not None and not value > 0.0:
                 raise InputError(f"layer {self.name!r}.{what}: must be positive, got {value:g} m")
+
+
+@dataclass(frozen=True, eq=False)
+class Fill:
+    """Fill: a box of other ground in the place of layers.
+
+    Parameters
+    ----------
+    name : str
+    box : (3, 2) float64, m
+        What of it lies above the ground is nothing.
+    """
+
+    name: str
+    box: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
@@ -208,6 +223,11 @@ class Geometry:
     standing : frozenset of str
         Sides that may not move: free, fixed and input faces. A mesh may reach beyond the others,
         where the ground goes on in an absorbing layer.
+    benches : tuple of ((n, 3) float64, (m, 3) float64), m
+        Crest and toe of the benches whose triangles the surface is, from the highest down, each
+        walked so that the lower ground lies on the right.
+    fills : tuple of Fill
+        Of one name and place each.
     """
 
     box: np.ndarray
@@ -216,6 +236,8 @@ class Geometry:
     faults: tuple[Fault, ...] = ()
     surface: np.ndarray | None = None
     standing: frozenset[str] = frozenset(SIDES)
+    benches: tuple[tuple[np.ndarray, np.ndarray], ...] = ()
+    fills: tuple[Fill, ...] = ()
 
     def __post_init__(self) -> None:
         """Check the layers and the names of the sides."""
@@ -233,6 +255,17 @@ class Geometry:
                 raise InputError(
                     f"{part.name}.regions: must leave out the layers that follow the surface, or "
                     "name all layers"
+                )
+        for fill in self.fills:
+            if (fill.box[:, 0] >= self.box[:, 1]).any() or (fill.box[:, 1] <= self.box[:, 0]).any():
+                raise InputError(f"fill {fill.name!r}.box: lies outside of the model")
+        for first, second in combinations(self.fills, 2):
+            lowest = np.maximum(first.box[:, 0], second.box[:, 0])
+            overlap = (lowest < np.minimum(first.box[:, 1], second.box[:, 1])).all()
+            if first.name == second.name or overlap:
+                raise InputError(
+                    f"fills {first.name!r} and {second.name!r}: must have materials and places of "
+                    "their own"
                 )
         if not self.standing <= set(SIDES):
             raise InputError(f"standing: must be of {', '.join(SIDES)}, got {self.standing}")

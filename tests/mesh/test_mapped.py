@@ -5,7 +5,8 @@ import pytest
 
 from pyblast.errors import InputError
 from pyblast.mesh.grid import SIDES, Fault, Geometry, JointSet, Layer
-from pyblast.mesh.hexahedral.mapped import Fine, NotMapped, build_mapped, divided
+from pyblast.mesh.hexahedral.mapped import Fine, build_mapped, divided
+from pyblast.mesh.hexahedral.planes import NotMapped
 from pyblast.mesh.mesh import quality, zone_volumes
 from pyblast.mesh.spectral_nodes import spectral_nodes
 

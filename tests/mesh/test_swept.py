@@ -5,7 +5,8 @@ import pytest
 
 from pyblast.mesh.faces import face_vectors
 from pyblast.mesh.grid import SIDES, Fault, Geometry, JointSet, Layer
-from pyblast.mesh.hexahedral.mapped import Fine, NotMapped
+from pyblast.mesh.hexahedral.mapped import Fine
+from pyblast.mesh.hexahedral.planes import NotMapped
 from pyblast.mesh.hexahedral.swept import (
     arrangement,
     build_swept,

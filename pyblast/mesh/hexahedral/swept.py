@@ -20,11 +20,8 @@ from ..mesh import Mesh
 from ..quality import refuse_beyond_memory
 from .mapped import (
     BYTES_PER_NODE,
-    PARALLEL,
     SAME,
     Fine,
-    NotMapped,
-    Plane,
     Sizes,
     Surface,
     between_zones,
@@ -35,9 +32,9 @@ from .mapped import (
     layer_beside,
     layer_cells,
     least_edge,
-    planes_of,
     side_names,
 )
+from .planes import PARALLEL, NotMapped, Plane, planes_of
 
 APART = 0.25  # of the thinnest layer or the spacing: largest distance of vertices that become one
 TRIALS = 11  # positions of a side that may move, up to an edge outward
@@ -65,6 +62,8 @@ def build_swept(
 ) -> Mesh:
     """Build a swept mesh, as a `mapped.Builder`."""
     planes, reasons = planes_of(geometry), []
+    if geometry.fills:
+        raise NotMapped("a fill is no part of a section that is swept")
     for frame in _frames(geometry, planes):
         if not _suits(planes, frame):
             continue
