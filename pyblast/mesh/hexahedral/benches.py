@@ -23,7 +23,7 @@ def face_normal(crest: np.ndarray, toe: np.ndarray) -> np.ndarray:
 def _right_of(line):
     """Return the horizontal unit vector (2,) to the right of a line (n, 3)."""
     run = line[-1, :2] - line[0, :2]
-    return np.array([run[1], -run[0]]) / np.hypot(*run)
+    return np.array([run[1], 0.0 - run[0]]) / np.hypot(*run)
 
 
 class Benches:
