@@ -29,7 +29,7 @@ from ..project.places import NEAR, resolved_receivers
 from ..project.project import Project
 from ..project.uncertain_ground import factors_of
 from ..simulation.estimate import cost_of
-from ..simulation.recipe import HARMONICS
+from ..simulation.recipe import HARMONICS, sizes_for_band
 from ..simulation.simulation import Simulation
 from ..units import plain_number
 from . import library  # noqa: F401  fills the library
@@ -244,8 +244,8 @@ class Scene:
         """Return the error of a prediction with effects, that of their laws included.
 
         Where they are not those of instruments, the change of motion by them has an error of
-        `IDEALISED` of its energy at each record, and as large a one, smooth over frequency, that
-        all records share; theory.md (14.13).
+        `IDEALISED` of its energy at each record; that of joints that close or slip has as large a
+        one, smooth over frequency, that all records share; theory.md (14.13).
 
         Parameters
         ----------
@@ -259,8 +259,10 @@ class Scene:
         calibrated = np.tensordot(values - self.baseline.values, self.baseline.slopes, 1)
         change = motion - self.baseline.motion - self.unplanned - calibrated
         blocks = self.error.blocks.beside(change, self.case.band, IDEALISED)
-        shared = law_columns(change, self.case.band, IDEALISED)
-        return replace(self.error, blocks=blocks, nuisances=self.error.nuisances + shared)
+        nuisances = self.error.nuisances
+        if not all(effect.hypothesis.linear for effect in effects):
+            nuisances = nuisances + law_columns(change, self.case.band, IDEALISED)
+        return replace(self.error, blocks=blocks, nuisances=nuisances)
 
     def contained(self, effects: Sequence[Effect]) -> AbstractContextManager[None]:
         """Enter an error of effects into the failures in place of raising it; raise one of none."""
@@ -612,7 +614,9 @@ def changed_site(
     band = project.config.band_hz
     if site is None or band is None or all(each.hypothesis.linear for each in effects):
         return site
-    return site.changed(mesh=site.for_band(band[1]))
+    if not project.meshed.mesh.hexahedral:
+        return site
+    return site.changed(mesh=sizes_for_band(site.ground, HARMONICS * band[1]))
 
 
 def predict(
