@@ -262,7 +262,7 @@ def slip_factors(initial, change, normal, cohesion, friction, tension):
     with np.errstate(divide="ignore", invalid="ignore"):
         opens = np.where(blast > 0.0, (tension - rest) / blast, np.inf)
     pairs = (shear, shear), (shear, added), (added, added)
-    products = [np.sum(left * right, axis=1) for left, right in pairs]
+    products = [np.sum(np.multiply(*pair), axis=1) for pair in pairs]
     pressed = _roots(*products, cohesion - rest * friction, friction * blast)
     free = _roots(*products, cohesion, 0.0)
     tolerance = ROUNDING * np.abs(rest)
