@@ -100,7 +100,7 @@ GROUNDS = {
         Ground(2.0, 10, 10, away=((80.0, 20.0), (128.0, 55.0))),
         Ground(2.0, 10, 15, below=6.0, away=((280.0, 15.0), (446.0, 55.0))),
         *(Ground(height, 10, 20, where=where) for height, where in (
-            (1.0, SLOPE), (2.0, SLOPE), (1.0, BENCH), (1.0, TRENCH), (1.5, TRENCH),
+            (1.0, SLOPE), (2.0, SLOPE), (0.5, BENCH), (0.5, TRENCH),
         )),
     )
 }  # fmt: skip

@@ -150,6 +150,21 @@ def test_soil_on_a_straight_bench_costs_at_most_twice_its_rock(tmp_path, thickne
     assert own.nodes * own.steps < 2.0 * bare.nodes * bare.steps
 
 
+def test_benches_that_bend_are_priced_as_what_is_cut_out_of_tetrahedra(tmp_path):
+    bent = face(60.0) | {"crest_m": [[60.0, -50.0, 0.0], [66.0, 60.0, 0.0], [60.0, 170.0, 0.0]]}
+    box = {"size_m": [120.0, 120.0, 60.0], "receivers": [(110.0, 60.0)], "benches": [bent]}
+    rock = {"material": "rock"}
+    own = project(tmp_path, layers=[rock], **box)
+
+    built = summarise_model(own)
+
+    assert 0.5 < own.cost.zones / built.zones < 2.0
+    assert 0.5 < own.cost.steps / built.steps < 2.0
+    soil = {"material": "soil", "thickness_m": 2.0}
+    dear = project(tmp_path, layers=[soil, rock], minutes=1.0, **box).dear
+    assert "benches whose lines are straight, level and parallel" in dear.text
+
+
 @pytest.mark.parametrize(
     ("fill", "more"),
     [(trench([[200.0, 280.0], [30.0, 90.0]]), {}), (trench([[200.0, 206.0], [0.0, 120.0]]), {}),

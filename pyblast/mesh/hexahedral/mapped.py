@@ -320,6 +320,16 @@ def grid_lines(geometry: Geometry, sizes: Sizes, order: int) -> list[np.ndarray]
     raise reasons[0]
 
 
+def in_a_grid(geometry: Geometry, sizes: Sizes) -> bool:
+    """Tell whether a grid between planes may serve the surface of a geometry."""
+    if geometry.benches:
+        try:
+            return _top(geometry, edge_pairs(sizes)) is not None
+        except NotMapped:
+            return False
+    return np.ndim(geometry.surface) < 3
+
+
 def is_plain(geometry: Geometry) -> bool:
     """Tell whether all planes of a geometry lie along the axes, and so its grid has no slopes."""
     parts = [fault.unit_normal for fault in geometry.faults]
