@@ -44,6 +44,12 @@ GROUNDS = {
 }
 
 
+def test_lines_that_waver_within_a_fiftieth_of_a_wave_are_straight():
+    geometry = ground([bench(80.0, bend=1.0)])
+
+    assert [str(row) for row in as_built(built(geometry), geometry, 60.0) if not row.good] == []
+
+
 @pytest.mark.parametrize("name", GROUNDS)
 def test_a_straight_bench_is_built_as_asked(name):
     geometry = ground(GROUNDS[name])
