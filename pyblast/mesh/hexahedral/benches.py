@@ -60,7 +60,7 @@ class Benches:
         along = np.array([-self.across[1], self.across[0], 0.0])
         middle = geometry.box.mean(axis=1) @ along * along
         for number, face in enumerate(self.profile.reshape(-1, 2, 2), start=1):
-            crest, toe = (middle + [*(s * self.across), z] for s, z in face)
+            crest, toe = (middle + np.append(s * self.across, z) for s, z in face)
             lines = (np.array([end, end + along]) for end in (crest, toe))
             plane = Plane(f"the face of bench {number}", face_normal(*lines), crest, along)
             if plane.area_in(box) > 0.0:
