@@ -180,7 +180,8 @@ def body_explains_more(search: Search, chosen: Fit) -> tuple[str, ...]:
     """
     if search.scores is None or any("body" in fitted.labels for fitted in search.fits):
         return ()
-    without, scene, evidence = search.without_effects, search.scene, search.delta_ln_evidence(chosen)
+    without, scene = search.without_effects, search.scene
+    evidence = search.delta_ln_evidence(chosen)
     bodies = scene.secondary_places[0].spread(quarter_wave(scene.baseline.project, scene.case))
     residual = search.scores.residual(without.motion, without.values)
     alone = located(search.scores.at_fit(without).error, bodies, residual, IN_ROCK)

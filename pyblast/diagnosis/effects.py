@@ -157,7 +157,7 @@ class Scene:
 
     @cached_property
     def surroundings(self) -> Surroundings:
-        """Motion around the receivers in the calibrated ground, by fields or a run of each blast."""
+        """Motion around receivers in the calibrated ground, by stored fields or a run per blast."""
         if self.fields is not None:
             return self.fields.surroundings
         return surroundings(self.simulation, self.case, self.baseline.project)

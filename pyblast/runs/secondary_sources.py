@@ -44,8 +44,8 @@ class SecondarySources:
 def by_rock(bank: Bank) -> SecondarySources:
     """Return the changes of motion by wave speeds and density of the rock, cell by cell.
 
-    Cells are thirds of the edges of the zones of a bank. Properties are those of `ROCK`: logarithms of cp
-    and of cs at one density, and of the density at one stiffness; theory.md (9.11).
+    Cells are thirds of the edges of the zones of a bank. Properties are those of `ROCK`: logarithms
+    of cp and of cs at one density, and of the density at one stiffness; theory.md (9.11).
     """
     model, shares = bank.model, _parts(bank.model.mesh.order)
     density, cp, cs = (model.zone_values(name)[bank.zones] for name in ("density", "cp", "cs"))

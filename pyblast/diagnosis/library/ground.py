@@ -494,7 +494,8 @@ def places_of_bodies(case):
 
 def _centre(target, east=0.0, north=0.0, up=0.0):
     """Return the place (3,) in m of a target, moved."""
-    return np.array([float(number) for number in re.findall(r"-?\d+", target)]) + (east, north, up)
+    centre = np.array([float(number) for number in re.findall(r"-?\d+", target)])
+    return centre + np.array([east, north, up])
 
 
 def body_at(target, east, north, up, change, **_):
