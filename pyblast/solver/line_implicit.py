@@ -92,7 +92,7 @@ def steps_of_gradients(
     --------
     >>> cube, speeds = np.full((1, 3), 2.0 / 10.0), (np.array([1e10]), np.array([1e10]))
     >>> [round(1e3 * float(step[0]), 3) for step in steps_of_gradients(cube, speeds, 2500.0, 4)]
-    [0.246, 0.153]
+    [0.246, 0.154]
     """
     lame, shear = moduli
     squares = np.sort(gradients**2, axis=1) * largest_on_line(order)
