@@ -37,11 +37,12 @@ from .calibration import Baseline, attenuated
 from .case import Case
 from .error import VARIED, learned_error, with_calibrated
 from .forward import (
+    StoredFields,
     Surroundings,
     holds,
     hole_motion,
-    secondary_places,
     simulation_of,
+    stored_fields,
     surroundings,
 )
 from .hypotheses import (
@@ -127,6 +128,8 @@ class Scene:
         Of the price of all runs.
     others : tuple of Simulation
         Whose runs count, too.
+    fields : StoredFields, optional
+        Of the calibrated ground; made where they are first asked for.
     """
 
     simulation: Simulation
@@ -135,6 +138,7 @@ class Scene:
     failures: dict[frozenset | str, str] = field(default_factory=dict)
     budget: float = np.inf
     others: tuple[Simulation, ...] = ()
+    fields: StoredFields | None = None
     _prices: dict = field(default_factory=dict, repr=False)
     _simulated: dict = field(default_factory=dict, repr=False)
     _corrections: dict = field(default_factory=dict, repr=False)
@@ -156,13 +160,17 @@ class Scene:
 
     @cached_property
     def surroundings(self) -> Surroundings:
-        """Motion around the receivers in the calibrated ground, by one run of each blast."""
+        """Motion around receivers in the calibrated ground, by stored fields or a run per blast."""
+        if self.fields is not None:
+            return self.fields.surroundings
         return surroundings(self.simulation, self.case, self.baseline.project)
 
-    @cached_property
+    @property
     def secondary_places(self) -> tuple[Places, Places]:
         """Cells of the rock and patches of the joints of the calibrated ground, with changes."""
-        return secondary_places(self.simulation, self.case, self.baseline.project)
+        if self.fields is None:
+            self.fields = stored_fields(self.simulation, self.case, self.baseline.project)
+        return self.fields.rock, self.fields.joints
 
     @cached_property
     def varied(self) -> Varying | None:

@@ -95,7 +95,7 @@ class Project:
         One for each joint surface of the mesh.
     survey : Survey
         The shot of this file, then those of `with_further`, with receivers and recordings.
-    fields : tuple of Gradient, DamagedZone or Heterogeneity
+    fields : tuple of Gradient, DamagedZone, Body or Heterogeneity
         Factors on the wave speeds beside those of the table [ground].
     terrain : (n, 3) or (n, 3, 3) float64, m, optional
         Surveyed top surface, or its triangles, in place of that of the file.
