@@ -280,7 +280,8 @@ def on_finer_mesh(
         progress("a finer mesh", done, len(shift))
         if blasts:
             names = [scene.case.blasts[b] for b in blasts]
-            shift[blasts] = finer.motion(project, names) - simulated[blasts]
+            motion = scene.carried(fit.values, fit.effects, blasts, finer.motion(project, names))
+            shift[blasts] = motion - simulated[blasts]
         size = worst(over_usual(shift))
         if size < MESH_CHANGE:
             return fit, size
