@@ -5,7 +5,6 @@ from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import product
-from typing import NamedTuple
 
 import numpy as np
 from scipy import fft
@@ -18,10 +17,15 @@ from ..inference.error_model import ErrorModel
 from ..inference.location import Places
 from ..inference.parameter import Parameter, set_all
 from ..inference.variation import (
+    VARIED,
     Charges,
+    Filters,
+    Learned,
+    Sent,
     Variation,
-    Varied,
     learned_variation,
+    sent,
+    variation,
     with_variation,
 )
 from ..project.places import NEAR, resolved_receivers
@@ -33,7 +37,7 @@ from ..units import plain_number
 from . import library  # noqa: F401  fills the library
 from .calibration import Baseline, attenuated
 from .case import Case
-from .error import VARIED, learned_error, with_calibrated
+from .error import learned_error, with_calibrated
 from .forward import (
     Surroundings,
     holds,
@@ -98,14 +102,6 @@ class Effect:
         return {p.name: np.array(values) if p.per_hole else values[0] for p, values in pairs}
 
 
-class Varying(NamedTuple):
-    """Learned variation from hole to hole: around which filters, how much, levels that remain."""
-
-    around: Variation
-    level: Varied
-    levels: tuple[float, ...]
-
-
 @dataclass(eq=False)
 class Scene:
     """Scene: the calibrated site with its records, on which effects are simulated.
@@ -136,6 +132,7 @@ class Scene:
     _simulated: dict = field(default_factory=dict, repr=False)
     _corrections: dict = field(default_factory=dict, repr=False)
     _impossible: set = field(default_factory=set, repr=False)
+    _beside: tuple = field(default=(None, None), repr=False)
 
     def __post_init__(self):
         """Store the motion that the calibration has simulated."""
@@ -162,16 +159,21 @@ class Scene:
         return secondary_places(self.simulation, self.case, self.baseline.project)
 
     @cached_property
-    def varied(self) -> Varying | None:
+    def charges(self) -> dict[int, Charges]:
+        """Charges of the blasts with enough holes to show how much they vary, by number."""
+        blasts = self.case.project.blasts
+        return {
+            b: Charges(self.holes[name], blasts[name].times, blasts[name].centres)
+            for b, name in enumerate(self.case.blasts) if _many(self.holes.get(name, ()))
+        }  # fmt: skip
+
+    @cached_property
+    def varied(self) -> Learned | None:
         """Variation from hole to hole, learned before anything else; None without many holes.
 
         What it does to each record counts as usual from then on.
         """
-        baseline, blasts = self.baseline, self.case.project.blasts
-        charges = {
-            b: Charges(self.holes[name], blasts[name].times, blasts[name].centres)
-            for b, name in enumerate(self.case.blasts) if _many(self.holes.get(name, ()))
-        }  # fmt: skip
+        baseline, charges = self.baseline, self.charges
         if not charges:
             return None
         band, sigma = self.case.band, baseline.sigma[:, None, None, None, None]
@@ -182,23 +184,31 @@ class Scene:
         def build(own):
             return with_calibrated(self._error_around(own), held)
 
-        own, level, levels = learned_variation(build, charges, band, residual, VARIED)
-        usual = baseline.usual + level.value**2 * own.energy
+        learned = learned_variation(build, charges, band, residual, VARIED)
+        usual = baseline.usual + learned.level.value**2 * learned.around.energy
         self.baseline = replace(baseline, usual=np.where(baseline.usual > 0.0, usual, 0.0))
-        return Varying(own, level, levels)
+        return learned
 
     @property
-    def unplanned(self) -> np.ndarray | float:
-        """What holes send beyond their plan, (n_blasts, n_receivers, 3, n_samples) m/s."""
-        return 0.0 if self.varied is None else self.varied.around.change
+    def filters(self) -> dict[int, Filters]:
+        """Filters of charges that were learned without an effect, by number of the blast."""
+        return {} if self.varied is None else self.varied.filters
 
-    def radiated(self, name: str) -> np.ndarray:
+    def sent(self, filters: Mapping[int, Filters] | None = None) -> Sent:
+        """Return what charges send with filters, by default those learned without an effect."""
+        if self.varied is None:
+            return Sent(0.0, {})
+        if filters is None or filters is self.varied.filters:
+            return self.varied.sent
+        return sent(self.charges, self.case.band, len(self.case.blasts), filters)
+
+    def radiated(self, name: str, filters: Mapping[int, Filters] | None = None) -> np.ndarray:
         """Return the share of its planned motion that each hole of a blast radiates, (n_holes,).
 
-        By its learned variation, at all receivers together.
+        By filters of charges, at all receivers together.
         """
         planned, at = self.holes[name], self.case.blasts.index(name)
-        varied = planned if self.varied is None else self.varied.around.charges.get(at, planned)
+        varied = self.sent(filters).charges.get(at, planned)
         alike, energy = (np.einsum("hrct,hrct->h", planned, each) for each in (varied, planned))
         return np.where(energy > 0.0, alike / np.where(energy > 0.0, energy, 1.0), 1.0)
 
@@ -206,16 +216,15 @@ class Scene:
     def error(self) -> ErrorModel:
         """Learned error of the prediction of the calibrated site, but for what is calibrated."""
         if self.varied is None:
-            return self._error_around(None)
-        around, _, levels = self.varied
-        return with_variation(self._error_around(around), around, levels)
+            return self._error_around(Sent(0.0, {}))
+        own = self.varied
+        return with_variation(self._error_around(own.sent), own.around, own.levels)
 
-    def _error_around(self, variation):
-        """Return the error around the motion with a variation, without this."""
-        baseline, motion, holes = self.baseline, self.baseline.motion, self.holes
-        if variation is not None:
-            motion, names = motion + variation.change, self.case.blasts
-            holes = holes | {names[b]: own for b, own in variation.charges.items()}
+    def _error_around(self, own):
+        """Return the error around the motion that charges send, without their variation."""
+        baseline, names = self.baseline, self.case.blasts
+        motion = baseline.motion + own.change
+        holes = self.holes | {names[b]: each for b, each in own.charges.items()}
         return learned_error(
             self.case, baseline.parameters,
             (motion, baseline.slopes, self.surroundings.slopes(), baseline.correction),
@@ -237,11 +246,12 @@ class Scene:
         """Return changes of motion (..., 3, n_samples) as valid samples show them, in the band."""
         return self.case.band.project(np.where(self.case.valid, change, 0.0))
 
-    def error_beside(self, effects: Sequence[Effect], values, motion) -> ErrorModel:
+    def error_beside(self, effects: Sequence[Effect], values, motion, filters) -> ErrorModel:
         """Return the error of a prediction with effects, that of their laws included.
 
-        Where they are not those of instruments, the change of motion by them has an error of
-        `IDEALISED` of its energy; theory.md (14.13).
+        Holes vary around what they send with the effects and with filters that were learned beside
+        them. Where effects are not those of instruments, the change of motion by them has an error
+        of `IDEALISED` of its energy; theory.md (12.9), (14.13).
 
         Parameters
         ----------
@@ -249,13 +259,50 @@ class Scene:
         values : (n_calibrated,) float64
         motion : (n_blasts, n_receivers, 3, n_samples) float64, m/s
             With both.
+        filters : mapping of int to Filters
+            By number of the blast.
         """
+        error, own = self.error, self.varied
+        if own is not None and (filters is not own.filters or _acting(effects, "holes")):
+            around = self.variation_beside(effects, filters)
+            error = with_variation(error, around, own.levels)
         if all(effect.hypothesis.family == "instrument" for effect in effects):
-            return self.error
+            return error
         calibrated = np.tensordot(values - self.baseline.values, self.baseline.slopes, 1)
-        change = motion - self.baseline.motion - self.unplanned - calibrated
-        blocks = self.error.blocks.beside(change, self.case.band, IDEALISED)
-        return replace(self.error, blocks=blocks)
+        change = motion - self.baseline.motion - self.sent(filters).change - calibrated
+        return replace(error, blocks=error.blocks.beside(change, self.case.band, IDEALISED))
+
+    def variation_beside(self, effects: Sequence[Effect], filters) -> Variation:
+        """Return the variation of what holes send with effects on them, around filters."""
+        acting = _acting(effects, "holes")
+        if self._beside[0] != (acting, id(filters)):
+            names, shape = self.case.blasts, self.error.nuisances.columns.shape[1:]
+            charges = {
+                b: replace(own, motion=self._with_holes(acting, names[b]))
+                for b, own in self.charges.items()
+            }
+            around = variation(charges, self.case.band, shape, filters)
+            self._beside = (acting, id(filters)), (around, filters)  # its id is then its own
+        return self._beside[1][0]
+
+    def _with_holes(self, acting, name):
+        """Return the motion of each hole of a blast with effects, fired at zero."""
+        holes = self.holes[name]
+        pattern = patterns_of(self.case)[self.case.blasts.index(name)]
+        changes = [
+            e.hypothesis.apply(pattern, e.target, **e.parameters)
+            for e in acting if blast_and_hole(e.target)[0] in ("", name)
+        ]  # fmt: skip
+        return self.changed_holes(holes, together(changes)) if changes else holes
+
+    def changed_holes(self, holes: np.ndarray, changes: HoleChange) -> np.ndarray:
+        """Return the motion of holes (n_holes, n_receivers, 3, n_samples) with changes, m/s."""
+        size, factor = self._factor(changes, 0.0)
+        out = np.empty_like(holes)
+        for h, motion in enumerate(holes):
+            spectrum = fft.rfft(motion, size) * factor[min(h, len(factor) - 1)][:, None]
+            out[h] = fft.irfft(spectrum, size)[..., : self.case.n_samples]
+        return out
 
     def contained(self, effects: Sequence[Effect]) -> AbstractContextManager[None]:
         """Enter an error of effects into the failures in place of raising it; raise one of none."""
@@ -420,8 +467,17 @@ class Scene:
             ]
         )
 
-    def received(self, motion: np.ndarray, effects: Sequence[Effect]) -> np.ndarray:
+    def received(
+        self, motion: np.ndarray, effects: Sequence[Effect], charges: Mapping | None = None
+    ) -> np.ndarray:
         """Return simulated motion with effects on holes and on motion, the same shape, m/s.
+
+        Parameters
+        ----------
+        motion : (n_blasts, n_receivers, 3, n_samples) float64, m/s
+        effects : sequence of Effect
+        charges : mapping of int to (n_holes, n_receivers, 3, n_samples) float64, m/s, optional
+            What each hole sends, by number of the blast; as it was learned by default.
 
         Raises
         ------
@@ -429,27 +485,31 @@ class Scene:
             If it is not finite.
         """
         for effect in _acting(effects, "holes"):
-            motion = motion + self._by_holes(effect)
+            motion = motion + self._by_holes(effect, charges)
         motion = with_motion_effects(self, motion, effects)
         if not np.isfinite(motion).all():
             raise InputError("its motion is not a finite number at every receiver")
         return motion
 
-    def _by_holes(self, effect):
+    def _by_holes(self, effect, charges):
         """Return the change of motion by an effect on the holes of one blast, or of all."""
         if HOLES in self.failures and superposed in effect.hypothesis.simulated:
             raise InputError(f"{HOLES}: {self.failures[HOLES]}")
         own, _ = blast_and_hole(effect.target)
+        charges = self.sent().charges if charges is None else charges
         return sum(
             self.change_by_holes(
-                name, effect.hypothesis.apply(pattern, effect.target, **effect.parameters)
+                name, effect.hypothesis.apply(pattern, effect.target, **effect.parameters),
+                charges.get(b, self.holes.get(name)),
             )
-            for name, pattern in zip(self.case.blasts, patterns_of(self.case), strict=True)
+            for b, (name, pattern) in enumerate(
+                zip(self.case.blasts, patterns_of(self.case), strict=True)
+            )
             if own in ("", name)
-        )
+        )  # fmt: skip
 
     def change_by_holes(
-        self, name: str, changes: HoleChange, holes: np.ndarray | None = None
+        self, name: str, changes: HoleChange, holes: np.ndarray | None
     ) -> np.ndarray:
         """Return the change of motion by changes of what the holes of a blast send.
 
@@ -458,8 +518,8 @@ class Scene:
         name : str
         changes : HoleChange
             Of each hole, or of each hole and receiver.
-        holes : (n_holes, n_receivers, 3, n_samples) float64, m/s, optional
-            Motion of each, fired at zero; as it was learned to vary by default.
+        holes : (n_holes, n_receivers, 3, n_samples) float64, m/s, or None
+            Motion of each, fired at zero; None where it is unknown and all change alike.
 
         Returns
         -------
@@ -467,20 +527,12 @@ class Scene:
         """
         blast, at = self.case.project.blasts[name], self.case.blasts.index(name)
         times, n = blast.times, self.case.n_samples
-        if holes is None:
-            holes = self.holes.get(name)
-            if self.varied is not None:
-                holes = self.varied.around.charges.get(at, holes)
         if holes is None:  # all holes have the same delay and scale
             holes, times = self.baseline.motion[[at]], np.zeros(1)
             changes = HoleChange(*(np.ravel(each)[:1] for each in changes))
-        latest = int((np.max(times) + np.max(changes.delay, initial=0.0)) / self.case.dt) + 1
-        size = fft.next_fast_len(n + max(n, latest), real=True)  # without wrap-around
+        size, factor = self._factor(changes, np.max(times))
         omega = 2.0 * np.pi * fft.rfftfreq(size, self.case.dt)
-        middle = 2.0 * np.pi * np.sqrt(max(self.case.band.low, 0.1) * self.case.band.high)
-        pulse = self._pulse(omega) if np.any(changes.duration) else 0.0
-        factor = changes.factor(omega, middle, pulse) - 1.0
-        fired = np.exp(-1j * np.multiply.outer(times, omega))[:, None] * factor
+        fired = np.exp(-1j * np.multiply.outer(times, omega))[:, None] * (factor - 1.0)
         total = np.zeros((*holes.shape[1:3], len(omega)), dtype=complex)
         for each, motion in zip(fired, holes, strict=True):
             if np.any(each):
@@ -488,6 +540,16 @@ class Scene:
         change = np.zeros((len(self.case.blasts), *holes.shape[1:]))
         change[at] = fft.irfft(total, size)[..., :n]
         return change
+
+    def _factor(self, changes, latest):
+        """Return a length of transforms without wrap-around, and the factor on what holes send."""
+        n, dt, band = self.case.n_samples, self.case.dt, self.case.band
+        latest = int((latest + np.max(changes.delay, initial=0.0)) / dt) + 1
+        size = fft.next_fast_len(n + max(n, latest), real=True)
+        omega = 2.0 * np.pi * fft.rfftfreq(size, dt)
+        middle = 2.0 * np.pi * np.sqrt(max(band.low, 0.1) * band.high)
+        pulse = self._pulse(omega) if np.any(changes.duration) else 0.0
+        return size, changes.factor(omega, middle, pulse)
 
     def _pulse(self, omega):
         """Return the derivative of ln S by ln f of the pulse S of a hole, (n_omega,) complex128."""
@@ -617,25 +679,68 @@ def predict(
     SolverError
         If the run fails.
     """
+    simulation, further, project = _further(case, blast, values, effects, folder, finer=True)
+    motion, changes = simulation.motion(project), _changes_of_rows(case, blast, effects)
+    if changes is not None:
+        own = hole_motion(simulation, further, project)[FURTHER]
+        scene = _scene_of_holes(simulation, further, project)
+        motion = motion + scene.change_by_holes(FURTHER, changes, own)
+    received = PredictionScene(simulation, further, project)
+    return with_motion_effects(received, motion, effects)[0]
+
+
+def predicted_charges(
+    case: Case, blast: Blast, values, effects: Sequence[Effect] = (), folder=None
+) -> Charges | None:
+    """Predict the motion of each hole of a further blast on the mesh of the diagnosis.
+
+    Parameters
+    ----------
+    case, blast, values, effects, folder
+        As of `predict`.
+
+    Returns
+    -------
+    Charges or None
+        With the effects on holes of the site; None where holes do not superpose.
+    """
+    simulation, further, project = _further(case, blast, values, effects, folder)
+    own = hole_motion(simulation, further, project).get(FURTHER)
+    if own is None:
+        return None
+    changes = _changes_of_rows(case, blast, effects)
+    if changes is not None:
+        own = _scene_of_holes(simulation, further, project).changed_holes(own, changes)
+    return Charges(own, blast.times - blast.times.min(), blast.centres)
+
+
+def _further(case, blast, values, effects, folder, finer=False):
+    """Return simulation, case and project of a further blast on the site of a diagnosis."""
     answer = changed_site(case.project, values, effects)
     if answer is None:
         named = ", ".join(f"{effect.label} {effect.target}".rstrip() for effect in effects)
         raise InputError(f"{named}: impossible in this project")
     reference, project = (with_blast(each, FURTHER, blast) for each in (case.project, answer))
     further = replace(case, project=reference, blasts=(FURTHER,))
-    simulation = simulation_of(further, folder, finer=True)
-    motion = simulation.motion(project)
+    return simulation_of(further, folder, finer=finer), further, project
+
+
+def _scene_of_holes(simulation, further, project):
+    """Return the scene of a further blast on which changes of its holes act; nothing is run."""
+    motion = np.zeros((1, *further.motion.shape[1:]))
+    baseline = Baseline(
+        further, (), np.zeros(0), np.zeros((0, 0)), project, motion,
+        np.zeros((0, *motion.shape)), motion, motion, np.ones(motion.shape[:2]),
+    )  # fmt: skip
+    return Scene(simulation, baseline, {})
+
+
+def _changes_of_rows(case, blast, effects):
+    """Return what effects on the holes of the site change of a further blast; None without."""
     rows = [effect for effect in _acting(effects, "holes") if not effect.target]
-    if rows:
-        pattern = pattern_of(case, blast)
-        baseline = Baseline(
-            further, (), np.zeros(0), np.zeros((0, 0)), project, motion,
-            np.zeros((0, *motion.shape)), motion, 0.0 * motion, np.ones(motion.shape[:2]),
-        )  # fmt: skip
-        fired, own = Scene(simulation, baseline, {}), hole_motion(simulation, further, project)
-        changes = [e.hypothesis.apply(pattern, e.target, **e.parameters) for e in rows]
-        motion = motion + fired.change_by_holes(FURTHER, together(changes), own[FURTHER])
-    return with_motion_effects(PredictionScene(simulation, further, project), motion, effects)[0]
+    pattern = pattern_of(case, blast)
+    each = [e.hypothesis.apply(pattern, e.target, **e.parameters) for e in rows]
+    return together(each) if each else None
 
 
 def at_further(case: Case, blast: Blast) -> Case:
