@@ -9,6 +9,7 @@ from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from obspy import UTCDateTime
@@ -17,7 +18,14 @@ from ..blasts.hole_tables import read_blast
 from ..diagnosis.calibration import calibrate, taught
 from ..diagnosis.case import Case, case_of
 from ..diagnosis.decision import FINER_MESH, Decision, beside_held_out, decide, undecided
-from ..diagnosis.effects import HOLES, Scene, at_further, effects_of, predict
+from ..diagnosis.effects import (
+    HOLES,
+    Scene,
+    at_further,
+    effects_of,
+    predict,
+    predicted_charges,
+)
 from ..diagnosis.fitting import fit_calibrated
 from ..diagnosis.forward import hole_motion, simulation_of
 from ..diagnosis.mistakes import mistakes_of
@@ -26,6 +34,7 @@ from ..diagnosis.summary import held_out_blasts, known_so_far, not_computed, sum
 from ..errors import InputError, ReadError, contained
 from ..files import WHOLE, code_hash, plain, versions, write_bytes, write_summary
 from ..project.level import expected_peaks, level_findings
+from ..inference.variation import DRAWS, ENDS, Scatter, peaks_of_drawn_blasts
 from ..project.places import extent_of
 from ..project.project import Project, load_project, with_further
 from ..recordings.seismic import channel_names, mseed_bytes
@@ -60,6 +69,48 @@ class Diagnosis:
     search: Search
     decision: Decision
     summary: dict
+
+
+class PeakBand(NamedTuple):
+    """Largest peak of a component at a receiver, m/s, and the central 90 % of such blasts.
+
+    Parameters
+    ----------
+    peak : float
+        Of the prediction itself.
+    low, high : float
+        With holes that vary.
+    low_alike, high_alike : float
+        If all holes radiated as their charge says.
+    """
+
+    peak: float
+    low: float
+    high: float
+    low_alike: float
+    high_alike: float
+
+
+class Prediction(NamedTuple):
+    """Prediction of a further blast, beside the motion that is written.
+
+    Parameters
+    ----------
+    low_pass : float or None, Hz
+        Corner of the low-pass of what enters, which a record goes through, too, before it is set
+        beside the prediction (`Seismogram.filtered_like`).
+    holes_percent : float
+        Variation from hole to hole.
+    source : str
+        What that is known by.
+    bands : dict of str to PeakBand
+        By receiver; empty where nothing fires by hole.
+    """
+
+    low_pass: float | None
+    holes_percent: float
+    source: str
+    bands: dict[str, PeakBand]
 
 
 MISTAKES = "mistakes in the records"
@@ -347,8 +398,7 @@ def predict_file(file, output, summary, holes, path, baseline=False, runs=None):
 
     Returns
     -------
-    float or None, Hz
-        As of `predict_case`.
+    Prediction
     """
     case, model = case_of(read_case(file)), summary["model"]
     blast = _further(case, holes)
@@ -357,7 +407,30 @@ def predict_file(file, output, summary, holes, path, baseline=False, runs=None):
     effects = () if baseline else effects_of(model)
     motion = predict(case, blast, values, effects, runs or Path(output) / RUNS)
     write_bytes(path, _as_recorded(case, motion))
-    return case.project.shot.low_pass
+    varied = summary.get("holes_vary")
+    level = case.project.config.priors.holes_percent if varied is None else varied["value"]
+    source = "priors.holes_percent" if varied is None else "as the records show"
+    charges = predicted_charges(case, blast, values, effects, runs or Path(output) / RUNS)
+    share = model.get("error_share", 0.0)
+    bands = {} if charges is None else _bands(case, motion, charges, 1e-2 * level, share)
+    return Prediction(case.project.shot.low_pass, level, source, bands)
+
+
+def _bands(case, motion, charges, level, share):
+    """Return the largest peak of a component at each receiver, with its 90 % bands."""
+    priors, peaks = case.project.config.priors, np.abs(motion).max(axis=(1, 2))
+    rest = 1e-3 * priors.firing_ms, 1e-2 * priors.amplitude_percent, share
+    planned, with_holes, without = (
+        peaks_of_drawn_blasts(charges, case.band, scatter, n_draws).max(axis=-1)
+        for scatter, n_draws in (
+            (Scatter(0.0, 0.0), 1), (Scatter(level, *rest), DRAWS), (Scatter(0.0, *rest), DRAWS)
+        )
+    )  # fmt: skip
+    ends = [peaks / planned[0] * np.quantile(each, ENDS, axis=0) for each in (with_holes, without)]
+    return {
+        name: PeakBand(float(peak), *own.tolist())
+        for name, peak, own in zip(case.receivers, peaks, np.concatenate(ends).T, strict=True)
+    }
 
 
 def check_further(file, holes, outputs=(), out=None):
@@ -558,7 +631,7 @@ def predict_case(
     path: str | Path,
     *,
     baseline: bool = False,
-) -> float | None:
+) -> Prediction:
     """Predict the motion of a further blast with a diagnosed model, as a miniSEED file.
 
     Parameters
@@ -576,9 +649,7 @@ def predict_case(
 
     Returns
     -------
-    float or None, Hz
-        Corner of the low-pass of what enters, which a record goes through, too, before it is set
-        beside the prediction (`Seismogram.filtered_like`).
+    Prediction
 
     Raises
     ------
