@@ -341,7 +341,7 @@ def fit(
 def _minimised(fitter, state):
     """Take steps from a state, and learn the filters of charges anew beside what they reach."""
     posterior = minimise(fitter, state)
-    for _ in range(ROUNDS):
+    for _ in range(ROUNDS if fitter.renews else 1):  # further steps cost runs
         if not fitter.relearned(state):
             break
         posterior = minimise(fitter, state)
