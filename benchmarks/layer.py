@@ -7,9 +7,11 @@ import numpy as np
 
 from pyblast.mesh.grid import structured_box
 from pyblast.mesh.hexahedra import AbsorbingLayer
+from pyblast.solver.assembly import time_step
 from pyblast.solver.hexahedra import without_layer
 from pyblast.solver.preparation import prepare
 
+from . import timing
 from .marching import Steps, rock_model, rounds_of_ledger
 from .timing import interleaved, median, on
 
@@ -37,11 +39,12 @@ def open_model(across, single):
 
 def of_model(model):
     """Return the times of a model with its layer and with plain ground in its place, in turn."""
-    whole = prepare(model, 0.1)
-    plain = replace(whole, constants={**whole.constants, **without_layer(whole.constants)})
     n_nodes = len(model.nodes.points)
-    share = float((model.mesh.layer.depths(model.nodes.points) > 0.0).any(axis=1).mean())
     n_steps = rounds_of_ledger(n_nodes, NODE_STEPS)
+    step = time_step(model)
+    whole = prepare(model, (timing.ROUNDS + 1) * n_steps * step[0], step=step)  # all rounds fit
+    plain = replace(whole, constants={**whole.constants, **without_layer(whole.constants)})
+    share = float((model.mesh.layer.depths(model.nodes.points) > 0.0).any(axis=1).mean())
     marches = {"whole": Steps(whole, n_steps), "plain": Steps(plain, n_steps)}
     took = interleaved({n: on(1, march) for n, march in marches.items()}, clock=process_time)
     ground = took["plain"] / (n_steps * n_nodes) * 1e9

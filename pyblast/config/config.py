@@ -518,11 +518,13 @@ class Config(Section):
     def _known_layers(self):
         """Refuse layers without a material and joint sets in no layer."""
         layers, known = [layer.material for layer in self.mesh.layers], ", ".join(self.materials)
-        for number, name in enumerate(layers, start=1):
-            if name not in self.materials:
-                raise ValueError(
-                    f"mesh.layers[{number}].material: must be one of {known}, got {name!r}"
-                )
+        fills = [part.material for part in self.mesh.fills]
+        for key, names in (("layers", layers), ("fills", fills)):
+            for number, name in enumerate(names, start=1):
+                if name not in self.materials:
+                    raise ValueError(
+                        f"mesh.{key}[{number}].material: must be one of {known}, got {name!r}"
+                    )
         for part in self.mesh.joint_sets:
             for region in part.regions:
                 if region not in layers:

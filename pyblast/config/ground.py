@@ -41,8 +41,16 @@ class LayerConfig(Section):
 
     material: Name
     thickness_m: Positive | None = None
+    follows_surface: bool = False
     edge_m: Positive | None = None
     edges_per_wavelength: Factor | None = None
+
+
+class FillConfig(Section):
+    """A box of other ground in the place of layers, such as fill in a trench."""
+
+    material: Name
+    box_m: Box
 
 
 class RefinementConfig(Section):
@@ -166,6 +174,7 @@ class MeshConfig(Section):
     edges_per_wavelength: Factor | None = None
     frequency_hz: Positive | None = None
     layers: list[LayerConfig] = Field([])
+    fills: list[FillConfig] = Field([])
     refinements: list[RefinementConfig] = Field([])
     joint_sets: list[JointSetConfig] = Field([])
     faults: list[FaultConfig] = Field([])
@@ -193,11 +202,18 @@ class MeshConfig(Section):
             if getattr(self, file) is None and any(getattr(self, key) for key in keys):
                 raise ValueError(f"{' and '.join(keys)} go with {file}")
         if self.file is not None:
-            if self.surface_file is not None or self.benches or self.fractures:
-                raise ValueError("surface_file, benches and fractures do not go with file")
+            if self.surface_file is not None or self.benches or self.fractures or self.fills:
+                raise ValueError("surface_file, benches, fills and fractures do not go with file")
             return self
         if not self.layers:
             raise ValueError("layers is missing; give [[mesh.layers]] with a material")
+        if self.surface_file is None and any(part.follows_surface for part in self.layers):
+            raise ValueError("layers.follows_surface goes with surface_file")
+        if self.fills and self.surface_file is not None:
+            raise ValueError("fills go without surface_file, where the ground is level or benches")
+        twice = {part.material for part in self.fills} & {part.material for part in self.layers}
+        if twice:
+            raise ValueError(f"fills: {min(twice)!r} is the material of a layer, too; name another")
         wanted = any(part.edges_per_wavelength is not None for part in [self, *self.layers])
         if wanted and self.frequency_hz is None:
             raise ValueError("frequency_hz is missing beside edges_per_wavelength")

@@ -11,7 +11,7 @@ from ..mesh.grid import Geometry
 from ..model.joint import Joint
 from ..model.material import Material
 from ..readers.provenance import ReadLog
-from .surface import make_surface
+from .surface import benches_of, make_surface
 from .tables import damages_material, make_geometry
 
 
@@ -69,7 +69,8 @@ class Ground:
     def geometry(self) -> Geometry:
         """Box, layers, planes and sides; InputError where they contradict one another."""
         viscous = set() if self.entered else set(self.boundaries.viscous)
-        return make_geometry(self.mesh, viscous, self.surface)
+        benches = benches_of(self.mesh, self.folder) if self.terrain is None else ()
+        return make_geometry(self.mesh, viscous, self.surface, benches)
 
     def key(self) -> tuple:
         """Return what decides the mesh: all but the values of materials and joints.

@@ -8,7 +8,7 @@ import numpy as np
 from ..core import JOINT_LAWS
 from ..errors import InputError, named_error
 from ..mesh.builder import Fault, JointSet, Layer, build_mesh, structured_box
-from ..mesh.grid import SIDES, Geometry, upward_normal
+from ..mesh.grid import SIDES, Fill, Geometry, upward_normal
 from ..mesh.mesh import Mesh, inner_facets, surface_faces
 from ..model.anisotropy import HoekBrown, UbiquitousJoints, jointed, transverse
 from ..model.boundary import Fixed, FreeField, Roller, Viscous
@@ -478,7 +478,7 @@ def _jointed_rock(config, layers, surface, fractures, relief):
         )  # fmt: skip
 
 
-def make_geometry(mesh, viscous, surface=None) -> Geometry:
+def make_geometry(mesh, viscous, surface=None, benches=()) -> Geometry:
     """Return the geometry of the ground that a `MeshConfig` asks for.
 
     Parameters
@@ -487,18 +487,25 @@ def make_geometry(mesh, viscous, surface=None) -> Geometry:
     viscous : set of str
         Sides through which waves leave.
     surface : (n, 3) or (n, 3, 3) float64, m, optional
-        Surveyed top surface.
+        Top surface.
+    benches : sequence of Bench, optional
+        Whose triangles it is.
     """
     low = np.array(mesh.origin_m, dtype=float)
     sets, faults = joints_and_faults(mesh)
     with named_error("mesh"):
         return Geometry(
             np.column_stack([low, low + mesh.size_m]),
-            tuple(Layer(part.material, part.thickness_m) for part in mesh.layers),
+            tuple(
+                Layer(part.material, part.thickness_m, follows_surface=part.follows_surface)
+                for part in mesh.layers
+            ),
             tuple(sets),
             tuple(faults),
             surface,
             standing=frozenset(SIDES) - viscous,
+            benches=tuple((bench.crest, bench.toe) for bench in benches),
+            fills=tuple(Fill(part.material, np.array(part.box_m, float)) for part in mesh.fills),
         )
 
 

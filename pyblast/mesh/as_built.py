@@ -5,6 +5,7 @@ absorbing layer. It shares nothing with the builders.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass
 from itertools import pairwise
 from types import MappingProxyType
@@ -16,7 +17,14 @@ from numpy.typing import ArrayLike
 from . import hexahedra
 from .faces import pair_faces, zone_faces, zone_of_face
 from .grid import SIDES, Geometry, layer_limits
-from .mesh import Mesh, graph_components, locate_in_zones, surface_faces, zone_edge_lengths
+from .mesh import (
+    Mesh,
+    graph_components,
+    locate_in_zones,
+    surface_faces,
+    zone_edge_lengths,
+    zone_volumes,
+)
 
 OF_AREA = 0.01  # tolerance of areas, relative
 OF_WAVE = 0.02  # of lengths, over the shortest wavelength
@@ -125,8 +133,8 @@ def positions_as_built(
     if asked is not None and len(asked.layers) > 1:
         top = _facets(mesh, "top")[0]
         levels = [
-            (lower, height, _of_faces(mesh, _boundaries(mesh, upper, lower))[0])
-            for upper, lower, height in _levels(asked)
+            (lower, height, depth, _of_faces(mesh, _boundaries(mesh, upper, lower))[0])
+            for upper, lower, height, depth in _levels(asked)
         ]
     rows, edges = [], zone_edge_lengths(mesh).mean(axis=1)
     for name, position, away, zone in zip(positions, at, moved, zones, strict=True):
@@ -154,6 +162,7 @@ def _ground(mesh, asked, short, positions) -> Iterator[Row]:
     for planes in _asked_planes(asked, box, ground):
         yield from _planes(mesh, planes, box, short)
     yield from _layers(mesh, asked, box, ground, short)
+    yield from _fills(mesh, asked, ground)
     yield from _stations(mesh, asked, ground, short, positions)
 
 
@@ -248,6 +257,12 @@ class _Surface:
             self.raster[empty] = nearest(plan[empty])
         self.lowest, self.highest = float(self.raster.min()), float(self.raster.max())
 
+    def lowered(self, depth):
+        """Return the surface at a depth in m under it."""
+        other = copy(self)
+        other.raster, other.lowest = self.raster - depth, self.lowest - depth
+        return other
+
     def under(self, plan):
         """Return the height in m at a horizontal position (2,), of a crest."""
         return _highest(self.triangles, plan) if self.stepped else float(self(plan[None])[0])
@@ -337,6 +352,11 @@ def _planes_of_set(joints, asked, box, ground, reach):
     limits = layer_limits(asked.layers, asked.box[2, 1], asked.box[2, 0])
     limits[0] = np.inf if ground is not None else limits[0]
     names = [layer.name for layer in asked.layers]
+    following = len(asked.depths)  # layers that are cut with all others, or not at all
+    if following:
+        limits, names = np.delete(limits, np.arange(following) + 1), names[following:]
+        if joints.regions is not None and asked.layers[0].name not in joints.regions:
+            ground = ground.lowered(asked.depths[-1])
     levels = [
         (low, high) for name, (high, low) in zip(names, pairwise(limits), strict=True)
         if joints.regions is None or name in joints.regions
@@ -476,21 +496,32 @@ def _top(mesh, box, ground, short):
     weight[[0, -1]] = 0.5
     wanted = float(weight @ ground.raster @ weight / weight.sum() ** 2)
     yield Row("top", "mean height, m", wanted, height, short)
-    x, y = ground.plan[:, 0, 0], ground.plan[0, :, 1]
-    away = _raster_of_triangles(triangles, x, y) - ground.raster
     if ground.stepped:
+        away = _above(triangles, ground)
         share = float((np.abs(away) > short).mean())
         yield Row("top", "share of its plan at another height", 0.0, share, OF_AREA)
     else:
-        mean = float(np.sqrt(np.nanmean(away**2)))
-        yield Row("top", "root mean square distance from its survey, m", 0.0, mean, short)
-        yield Row("top", "largest distance from its survey, m", 0.0, _largest(away))
-        if np.isfinite(short):  # roughness that no wave sees is no error of the mesh
-            cells = OF_ROUGHNESS * short * (RASTER - 1) / ground.size
-            cells = np.clip(cells, 1, RASTER).astype(int)
-            smooth = scipy.ndimage.uniform_filter(np.nan_to_num(away), cells)
-            words = "largest mean distance from its survey over a tenth of a wavelength, m"
-            yield Row("top", words, 0.0, _largest(smooth), short)
+        yield from _along("top", triangles, ground, short)
+
+
+def _above(triangles, ground):
+    """Return how far triangles lie above a surface over its raster, NaN where none lies."""
+    x, y = ground.plan[:, 0, 0], ground.plan[0, :, 1]
+    return _raster_of_triangles(triangles, x, y) - ground.raster
+
+
+def _along(name, triangles, ground, short, depth=0.0):
+    """Yield how far triangles lie from a depth under a surface, on an average and at most."""
+    away, where = _above(triangles, ground) + depth, "its depth" if depth else "its survey"
+    mean = float(np.sqrt(np.nanmean(away**2)))
+    yield Row(name, f"root mean square distance from {where}, m", 0.0, mean, short)
+    yield Row(name, f"largest distance from {where}, m", 0.0, _largest(away))
+    if np.isfinite(short):  # roughness that no wave sees is no error of the mesh
+        cells = OF_ROUGHNESS * short * (RASTER - 1) / ground.size
+        cells = np.clip(cells, 1, RASTER).astype(int)
+        smooth = scipy.ndimage.uniform_filter(np.nan_to_num(away), cells)
+        words = f"largest mean distance from {where} over a tenth of a wavelength, m"
+        yield Row(name, words, 0.0, _largest(smooth), short)
 
 
 def _largest(away):
@@ -622,32 +653,64 @@ def _boundaries(mesh, upper, lower):
 
 
 def _levels(asked):
-    """Yield upper layer, lower layer and height of each boundary between unlike layers."""
-    limits = layer_limits(asked.layers, asked.box[2, 1], asked.box[2, 0])
-    for (upper, lower), height in zip(pairwise(asked.layers), limits[1:-1], strict=True):
+    """Yield upper layer, lower layer, height and depth of each boundary between unlike layers.
+
+    The depth is that under the surface where it follows it, else zero.
+    """
+    depths = [*asked.depths, *np.zeros(len(asked.levels))]
+    boundaries = zip(pairwise(asked.layers), asked.limits[1:-1], depths, strict=True)
+    for (upper, lower), height, depth in boundaries:
         if upper.name != lower.name:
-            yield upper.name, lower.name, float(height)
+            yield upper.name, lower.name, float(height), float(depth)
+
+
+def following(asked: Geometry) -> list[str]:
+    """Return the names of the rows of boundaries that follow the surface."""
+    return [f"{upper} on {lower}" for upper, lower, _, depth in _levels(asked) if depth]
 
 
 def _layers(mesh, asked, box, ground, short):
     """Yield area and height of the boundaries between layers."""
     levels, everywhere = list(_levels(asked)), [(-np.inf, np.inf)]
-    for upper, lower, height in levels:
-        same = [z for a, b, z in levels if {a, b} == {upper, lower}]  # soil, rock, soil
+    for upper, lower, height, depth in levels:
         triangles, nodes = _of_faces(mesh, _boundaries(mesh, upper, lower))
+        if depth:
+            triangles = _in_box(triangles, box)
+            yield from _along(f"{upper} on {lower}", triangles, ground, short, depth)
+            continue
+        same = [z for a, b, z, deep in levels if {a, b} == {upper, lower} and not deep]
         inside = ((nodes > box[:, 0] - EXACT) & (nodes < box[:, 1] + EXACT)).all(axis=1)
         own = nodes[inside & _nearest(nodes, height, same), 2]
-        flat = np.array(
-            [[box[0, i], box[1, j], height] for i, j in ((0, 0), (1, 0), (1, 1), (0, 1))]
-        )
-        wanted = _in_ground(flat, box, everywhere, ground)[0]
+        cut = [fill.box for fill in asked.fills if fill.box[2, 0] < height < fill.box[2, 1]]
+        ends = ((0, 0), (1, 0), (1, 1), (0, 1))
+        whole, *less = (
+            _in_ground(np.array([[part[0, i], part[1, j], height] for i, j in ends]), box,
+                       everywhere, ground)[0]
+            for part in (box, *cut)
+        )  # fmt: skip
         near = _nearest(triangles.mean(axis=1), height, same)
         built = _area_of(_in_box(triangles[near], box))[0]
         name, plan = f"{upper} on {lower}", float(np.ptp(box[:2], axis=1).prod())
-        yield Row(name, "area, m2", wanted, built, OF_AREA * plan)
+        yield Row(name, "area, m2", whole - sum(less), built, OF_AREA * plan)
         if len(own):
             worst = float(own[np.abs(own - height).argmax()])
             yield Row(name, "height of its worst node, m", height, worst, short)
+
+
+def _fills(mesh, asked, ground):
+    """Yield the volumes of fills in the box."""
+    volumes, middle = zone_volumes(mesh), mesh.points[mesh.zones].mean(axis=1)
+    inside = ((middle > asked.box[:, 0]) & (middle < [*asked.box[:2, 1], np.inf])).all(axis=1)
+    shares = (np.arange(SAMPLES) + 0.5) / SAMPLES
+    for fill in asked.fills:
+        low, high = np.clip(fill.box[:2], *asked.box[:2].T[:, :, None]).T
+        plan = np.stack(np.meshgrid(*(low + np.outer(shares, high - low)).T), axis=-1)
+        top = asked.box[2, 1] if ground is None else ground(plan)
+        foot = max(fill.box[2, 0], asked.box[2, 0])
+        deep = np.clip(np.minimum(top, fill.box[2, 1]) - foot, 0.0, None)
+        wanted = float(np.prod(high - low) * deep.mean())
+        own = inside & (mesh.zone_group == mesh.groups.index(fill.name))
+        yield Row(fill.name, "volume, m3", wanted, float(volumes[own].sum()), OF_AREA * wanted)
 
 
 def _nearest(positions, height, heights):
@@ -659,8 +722,8 @@ def _nearest(positions, height, heights):
 def _depths(name, position, levels, top):
     """Yield the depths of layers below a position."""
     highest = _heights(top, position).max(initial=-np.inf)
-    for lower, height, triangles in levels:
-        cuts = _heights(triangles, position)
+    for lower, level, depth, triangles in levels:
+        cuts, height = _heights(triangles, position), highest - depth if depth else level
         if height < highest and len(cuts):
             built = highest - cuts[np.abs(cuts - height).argmin()]
             quantity = f"depth of {lower} below the ground, m"

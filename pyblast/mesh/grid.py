@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from itertools import pairwise, permutations
+from itertools import combinations, pairwise, permutations, takewhile
 from math import prod
 from typing import Any
 
@@ -60,11 +60,14 @@ class Layer:
         None: down to the bottom.
     edge : float or None, m
         Mean edge of its zones; None: that of the whole mesh.
+    follows_surface : bool
+        Whether it is as thick everywhere under a surveyed surface; else its foot is level.
     """
 
     name: str
     thickness: float | None = None
     edge: float | None = None
+    follows_surface: bool = False
 
     def __post_init__(self) -> None:
         """Check thickness and edge."""
@@ -72,6 +75,21 @@ class Layer:
             value = getattr(self, what)
             if value is not None and not value > 0.0:
                 raise InputError(f"layer {self.name!r}.{what}: must be positive, got {value:g} m")
+
+
+@dataclass(frozen=True, eq=False)
+class Fill:
+    """Fill: a box of other ground in the place of layers.
+
+    Parameters
+    ----------
+    name : str
+    box : (3, 2) float64, m
+        What of it lies above the ground is nothing.
+    """
+
+    name: str
+    box: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
@@ -205,6 +223,11 @@ class Geometry:
     standing : frozenset of str
         Sides that may not move: free, fixed and input faces. A mesh may reach beyond the others,
         where the ground goes on in an absorbing layer.
+    benches : tuple of ((n, 3) float64, (m, 3) float64), m
+        Crest and toe of the benches whose triangles the surface is, from the highest down, each
+        walked so that the lower ground lies on the right.
+    fills : tuple of Fill
+        Of one name and place each.
     """
 
     box: np.ndarray
@@ -213,10 +236,37 @@ class Geometry:
     faults: tuple[Fault, ...] = ()
     surface: np.ndarray | None = None
     standing: frozenset[str] = frozenset(SIDES)
+    benches: tuple[tuple[np.ndarray, np.ndarray], ...] = ()
+    fills: tuple[Fill, ...] = ()
 
     def __post_init__(self) -> None:
         """Check the layers and the names of the sides."""
         layer_limits(self.layers, *self.box[2, ::-1])
+        following = [layer.follows_surface for layer in self.layers]
+        if any(following[len(self.depths) :]):
+            name = self.layers[following.index(True, len(self.depths))].name
+            raise InputError(
+                f"layer {name!r}.follows_surface: must stand in all layers above it, too, and not "
+                "in the last one"
+            )
+        for part in self.joint_sets:
+            cut = [layer.name in (part.regions or [layer.name]) for layer in self.layers]
+            if not all(cut) and any(cut[: len(self.depths)]):
+                raise InputError(
+                    f"{part.name}.regions: must leave out the layers that follow the surface, or "
+                    "name all layers"
+                )
+        for fill in self.fills:
+            if (fill.box[:, 0] >= self.box[:, 1]).any() or (fill.box[:, 1] <= self.box[:, 0]).any():
+                raise InputError(f"fill {fill.name!r}.box: lies outside of the model")
+        for first, second in combinations(self.fills, 2):
+            lowest = np.maximum(first.box[:, 0], second.box[:, 0])
+            overlap = (lowest < np.minimum(first.box[:, 1], second.box[:, 1])).all()
+            if first.name == second.name or overlap:
+                raise InputError(
+                    f"fills {first.name!r} and {second.name!r}: must have materials and places of "
+                    "their own"
+                )
         if not self.standing <= set(SIDES):
             raise InputError(f"standing: must be of {', '.join(SIDES)}, got {self.standing}")
 
@@ -224,6 +274,17 @@ class Geometry:
     def limits(self) -> np.ndarray:
         """Heights (n_layers + 1,) in m between the layers, from the top down."""
         return layer_limits(self.layers, *self.box[2, ::-1])
+
+    @property
+    def depths(self) -> np.ndarray:
+        """Depths (n,) in m under the surface of the feet of layers that follow it, downward."""
+        following = takewhile(lambda layer: layer.follows_surface, self.layers[:-1])
+        return np.cumsum([layer.thickness or 0.0 for layer in following])
+
+    @property
+    def levels(self) -> np.ndarray:
+        """Heights (n,) in m between layers that do not follow the surface, from the top down."""
+        return self.limits[1 + len(self.depths) : -1]
 
     @property
     def open_sides(self) -> tuple[str, ...]:

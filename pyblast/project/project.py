@@ -165,8 +165,9 @@ class Project:
     @property
     def ground_materials(self) -> list[str]:
         """Names of the materials in the ground, layers from the top down."""
-        layers = [layer.material for layer in self.config.mesh.layers]
-        return list(dict.fromkeys(layers or self.mesh.groups))
+        mesh = self.config.mesh
+        parts = [part.material for part in (*mesh.layers, *mesh.fills)]
+        return list(dict.fromkeys(parts or self.mesh.groups))
 
     @property
     def faults(self) -> list[str]:

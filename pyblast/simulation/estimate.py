@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 
 import numpy as np
 
@@ -11,7 +12,8 @@ from ..errors import Finding
 from ..ground.ground import Ground
 from ..ground.tables import mean_edge
 from ..mesh.grid import layer_limits
-from ..mesh.hexahedral.mapped import NotMapped, grid_lines, is_plain
+from ..mesh.hexahedral.mapped import grid_lines, is_plain
+from ..mesh.hexahedral.planes import NotMapped
 from ..mesh.quality import ZONES_PER_CUBE, available
 from ..model.model import Model
 from ..signals.seismogram import Seismogram
@@ -19,9 +21,10 @@ from ..solver.assembly import time_step
 from ..solver.edge_springs import SAMPLE_BYTES, held_bytes, run_bytes
 from ..solver.hexahedra import in_layer
 from ..solver.line_implicit import (
-    least_of_groups,
-    line_groups,
+    least_of_parts,
+    line_parts,
     moduli_of,
+    parts_of_groups,
     step_with_lines,
     steps_of_gradients,
 )
@@ -104,12 +107,12 @@ def _in_words(count):
 
 
 @dataclass(frozen=True, eq=False)
-class _Part:
-    """Zones of one material: how many, in the absorbing layer too, and their shortest edges."""
+class _Bricks:
+    """Zones alike of one material: how many, whether in the absorbing layer, and their edges."""
 
     material: str
     zones: float
-    in_layer: float
+    in_layer: bool
     edges: np.ndarray  # (3,) m
 
 
@@ -208,31 +211,33 @@ def estimate(
 def _of_hexahedra(ground, stations, order, duration, step_factor):
     """Return the cost of a run on hexahedra of an order."""
     sizes = layer_sizes(ground, stations, order)
-    parts = _bricks(ground.geometry, sizes, order)
-    rocks = [ground.materials[part.material] for part in parts]
-    names = list(dict.fromkeys(part.material for part in parts))
-    group = np.array([names.index(part.material) for part in parts])
+    bricks = _bricks(ground.geometry, sizes, order)
+    every = (*ground.geometry.layers, *ground.geometry.fills)
+    names = [*dict.fromkeys(part.name for part in every)]
+    rocks = [ground.materials[name] for name in names]
+    group = np.array([names.index(brick.material) for brick in bricks])
     steps = steps_of_gradients(
-        2.0 / np.array([part.edges for part in parts]), moduli_of(rocks),
-        np.array([rock.density for rock in rocks]), order,
+        2.0 / np.array([brick.edges for brick in bricks]), moduli_of(rocks)[:, group],
+        np.array([rock.density for rock in rocks])[group], order,
     )  # fmt: skip
-    least, zones = least_of_groups(steps, group), np.array([part.zones for part in parts])
+    part, owner = parts_of_groups(steps, group)
+    least, zones = least_of_parts(steps, part), np.array([brick.zones for brick in bricks])
     whole = whole_layers(ground, names)
-    chosen = line_groups(*least, np.bincount(group, zones), lambda more: whole[more].all())
+    chosen = line_parts(*least, np.bincount(part, zones), lambda more: whole[owner[more]].all())
     dt = SAFE * step_factor * step_with_lines(least, chosen)
     total, contacts = float(zones.sum()), _joint_area(ground) * order**2 / sizes[:, 0].min() ** 2
+    shares = np.bincount(group, zones, len(names)) / total
     counts = _Counts(
         order, total, total * order**3, contacts,
-        float(zones @ [bool(rock.law.branches) for rock in rocks]) / total,
-        sum(part.in_layer for part in parts) / total, 0.0,
+        float(shares @ [bool(rock.law.branches) for rock in rocks]),
+        sum(brick.zones for brick in bricks if brick.in_layer) / total, 0.0,
     )  # fmt: skip
     rates = {branch.rate for rock in rocks for branch in rock.law.branches}
-    shares = np.bincount(group, zones) / total
     return _cost(counts, stations, duration / dt, len(rates), names, shares)
 
 
 def _bricks(geometry, sizes, order):
-    """Return the zones (list of `_Part`) of each layer between the lines of a grid.
+    """Return the zones (list of `_Bricks`) between the lines of a grid, alike ones together.
 
     Of ground that no mapped grid serves, or with many planes, those of a grid without planes whose
     zones are no wider than joints are apart. Zones that are too many to list are counted in grids
@@ -242,30 +247,37 @@ def _bricks(geometry, sizes, order):
     spacing = min((part.spacing for part in geometry.joint_sets), default=np.inf)
     few = np.linalg.norm(extent) / spacing < MOST_PLANES
     flat = replace(geometry, surface=None)
-    without = replace(flat, joint_sets=(), faults=())
-    across = np.max(thick / sizes[:, 1])
+    without = replace(flat, joint_sets=(), faults=(), benches=(), fills=())
+    across = np.max(thick / sizes[: len(thick), 1])
     scale = max(1.0, extent[:2].max() / sizes[:, 0].min() / MOST_LINES, across / MOST_LINES)
     try:
         if scale > 1.0 or not few:
             raise NotMapped
         lines = grid_lines(flat, sizes, order)
     except NotMapped:
-        lines = grid_lines(without, scale * np.minimum(sizes, spacing), order)
-    steps = [np.diff(line) / scale for line in lines]
-    inside = [_within(line, *ends) for line, ends in zip(lines, geometry.box, strict=True)]
-    middle = 0.5 * (lines[2][1:] + lines[2][:-1])
-    layer = np.searchsorted(-geometry.limits[1:-1], -middle)
-    area, inner = (np.prod([each[axis] for axis in (0, 1)]) for each in
-                   ([len(step) for step in steps], [sum(each) for each in inside]))  # fmt: skip
-    return [
-        _Part(
-            part.name, area * scale**3 * np.count_nonzero(layer == number),
-            scale**3 * (area * np.count_nonzero(layer == number)
-                        - inner * np.count_nonzero(inside[2][layer == number])),
-            np.array([steps[0].min(), steps[1].min(), steps[2][layer == number].min()]),
-        )
-        for number, part in enumerate(geometry.layers)
-    ]  # fmt: skip
+        lines = grid_lines(without, scale * np.minimum(sizes, spacing)[: len(thick)], order)
+    bricks = []
+    for kind in product(*(_kinds(line, geometry, axis) for axis, line in enumerate(lines))):
+        steps, counts, inside, layers, *fills = np.array(kind).T
+        name = geometry.layers[int(layers[2])].name
+        for fill, within in zip(geometry.fills, fills, strict=True):
+            name = fill.name if within.all() else name
+        zones = float(counts.prod()) * scale**3
+        bricks.append(_Bricks(name, zones, not inside.all(), steps / scale))
+    return bricks
+
+
+def _kinds(line, geometry, axis):
+    """Return the cells of a line along an axis (n, 4 + n_fills), alike ones in one row.
+
+    Length, how many, whether in the box, layer (along the third axis), whether in each fill.
+    """
+    middle = 0.5 * (line[1:] + line[:-1])
+    layer = np.searchsorted(-geometry.limits[1:-1], -middle) if axis == 2 else np.zeros(len(middle))
+    columns = [np.diff(line).round(6), _within(line, *geometry.box[axis]), layer]
+    columns += [_within(line, *fill.box[axis]) for fill in geometry.fills]
+    kinds, counts = np.unique(np.array(columns, dtype=float).T, axis=0, return_counts=True)
+    return np.insert(kinds, 1, counts, axis=1)
 
 
 def _within(line, low, high):

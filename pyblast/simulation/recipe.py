@@ -8,17 +8,19 @@ from itertools import chain, pairwise
 
 import numpy as np
 
-from ..config.ground import MeshConfig
+from ..config.ground import LayerConfig, MeshConfig
 from ..errors import InputError, named_error
 from ..ground.ground import Ground
 from ..ground.surface import make_fractures
 from ..ground.tables import make_mesh, mean_edge
-from ..mesh.as_built import OF_WAVE, Row, as_built
+from ..mesh.as_built import OF_WAVE, Row, as_built, following
 from ..mesh.builder import TOLERANCE_SHARE
 from ..mesh.gmsh import MeshingError
 from ..mesh.grid import SIDES
 from ..mesh.hexahedral import mapped, subdivided, swept
-from ..mesh.hexahedral.mapped import Builder, Fine, NotMapped
+from ..mesh.hexahedral.benches import Benches
+from ..mesh.hexahedral.mapped import Builder, Fine, Surface
+from ..mesh.hexahedral.planes import NotMapped
 from ..mesh.mesh import Mesh, zone_edge_lengths
 from ..mesh.quality import explicit_work
 from ..model.material import ConstantQ
@@ -111,8 +113,27 @@ class Stations:
     @property
     def highest_source(self) -> float:
         """Height in m of the highest source; infinite where one stands on the ground."""
-        sources = [at for name, at in self.positions.items() if not name.startswith("receivers.")]
-        return max((at[2] if len(at) == 3 else np.inf for at in sources), default=-np.inf)
+        return max((at[2] if len(at) == 3 else np.inf for at in self._sources), default=-np.inf)
+
+    @property
+    def _sources(self):
+        """Positions of the sources."""
+        return [at for name, at in self.positions.items() if not name.startswith("receivers.")]
+
+    def has_source_in(self, box: np.ndarray) -> bool:
+        """Tell whether a source lies in a box (3, 2) in m, or on the ground over it."""
+        return any(
+            all(low <= x <= high for x, (low, high) in zip(at, box, strict=False))
+            for at in self._sources
+        )
+
+    def least_depth(self, surface: Surface) -> float:
+        """Return the least depth in m of a source under a surface, infinite without sources."""
+        return min(
+            (float(surface.height(np.array([at[:2]]))[0]) - at[2] if len(at) == 3 else 0.0
+             for at in self._sources),
+            default=np.inf,
+        )  # fmt: skip
 
 
 def convergence(order: int) -> float:
@@ -176,6 +197,8 @@ def _meshed(ground, stations, model_on, uncut):
     asked, wave = ground.geometry, shortest_wave(ground)
     obstacle = obstacle_to_hexahedra(ground)
     if obstacle is None:
+        if len(asked.depths):
+            wave = shortest_wave(ground, frozenset(thin_layers(ground, stations)))
         try:
             build = partial(_hexahedra, ground, stations, wave=wave, uncut=uncut)
             meshed = build(asked)
@@ -307,6 +330,12 @@ def _around(source, margin):
 
 def _tetrahedra(ground, stations, asked, wave, reason):
     """Return a mesh of tetrahedra, cut more sharply where the first cut bends planes."""
+    if len(asked.depths) or asked.fills:
+        key = "layers.follows_surface" if len(asked.depths) else "fills"
+        raise InputError(
+            f"mesh.{key}: asks for hexahedra between planes, here {reason}; leave it out, or what "
+            "stands in the way"
+        )
     materials, folder, parts = ground.materials, ground.folder, with_edges(ground)
     asked = replace(asked, faults=(*asked.faults, *make_fractures(parts, folder, ground.log)))
     sharp = SHARP * wave / TETRAHEDRA[parts.quadratic]
@@ -340,10 +369,14 @@ def differences(rows) -> str:
     return "; ".join(wrong[:LISTED]) + more
 
 
-def shortest_wave(ground: Ground) -> float:
-    """Return the shortest S wavelength in m that a ground asks its mesh to carry."""
+def shortest_wave(ground: Ground, apart: frozenset[str] = frozenset()) -> float:
+    """Return the shortest S wavelength in m that a ground asks its mesh to carry.
+
+    Of all materials but some: thin layers that follow a surface, as thick everywhere, move with
+    the rock, whose waves say how closely the mesh shall follow it.
+    """
     mesh, top, waves = ground.mesh, ground.frequency, []
-    for part in mesh.layers:
+    for part in (part for part in mesh.layers if part.material not in apart):
         rock = ground.materials.get(part.material)
         edge = None if rock is None else mean_edge(mesh, part, rock)
         if edge is not None:
@@ -475,7 +508,9 @@ def obstacle_to_hexahedra(ground: Ground) -> str | None:
         return "mesh.grid_cells divides the box into tetrahedra"
     if mesh.refinements:
         return "mesh.refinements grade tetrahedra"
-    for layer in mesh.layers:
+    if np.ndim(ground.surface) == 3 and mesh.layers[0].follows_surface:
+        return "the ground surface is given as triangles"
+    for layer in (*mesh.layers, *mesh.fills):
         law = materials[layer.material].law.name if layer.material in materials else "elastic"
         if law != "elastic":
             return f"the ground {layer.material!r} follows the law {law!r}"
@@ -492,7 +527,9 @@ def obstacle_to_hexahedra(ground: Ground) -> str | None:
 
 def _soft_soil(ground):
     """Return which ground would take energy from an absorbing layer, or None; theory.md (4.18)."""
-    for upper, lower in pairwise(part.material for part in ground.mesh.layers):
+    layers = [part.material for part in ground.mesh.layers]
+    beside = [(part.material, layers[-1]) for part in ground.mesh.fills]
+    for upper, lower in [*pairwise(layers), *beside]:
         soil, rock = ground.materials[upper], ground.materials[lower]
         if soil.cs < SOFT * rock.cs and not isinstance(soil.law, ConstantQ):
             return (
@@ -538,6 +575,7 @@ def _hexahedra(ground, stations, geometry, wave, uncut, lines=None):
             trials += meshes(max(lowest, best + (1 if best == max(ORDERS) else -1)), builders)
     trials.sort(key=lambda each: each[0])
     rough = []  # orders of meshes whose surface alone is not as asked for
+    along = {"top", *following(geometry)}
     narrow = (
         each
         for factor in NARROWER
@@ -550,7 +588,7 @@ def _hexahedra(ground, stations, geometry, wave, uncut, lines=None):
     for _, how, mesh in chain(trials, narrow, last):
         rows = as_built(mesh, geometry, wave, stations.positions)
         wrong = differences(rows)
-        if all(row.good or row.name == "top" for row in rows):
+        if all(row.good or row.name in along for row in rows):
             rough.append(mesh.order)
         if not wrong:
             why = reasons if how == CUT else ()
@@ -576,7 +614,7 @@ def _work(ground, stations, mesh):
     if not np.isfinite(work) or not thin_layers(ground, stations):
         return work
     whole = whole_layers(ground, mesh.groups)
-    return work_of_ground(mesh, ground.materials, lambda more: whole[more].all())
+    return work_of_ground(mesh, ground.materials, lambda groups: whole[groups].all())
 
 
 def whole_layers(ground: Ground, names: Sequence[str]) -> np.ndarray:
@@ -596,35 +634,55 @@ def thin_layers(ground: Ground, stations: Stations) -> dict[str, float]:
     names = [part.material for part in mesh.layers]
     if top is None or not mesh.layers or mesh.file is not None:
         return {}
-    surface = mesh.origin_m[2] + mesh.size_m[2]
-    highest = 0.0
-    if ground.surface is not None:
+    following = mesh.layers[0].follows_surface
+    surface, highest, shares = mesh.origin_m[2] + mesh.size_m[2], 0.0, {}
+    source = surface - stations.highest_source
+    if following:
+        source = stations.least_depth(Surface(ground.geometry))
+    elif ground.surface is not None:
         highest = max(0.0, float(np.asarray(ground.surface)[..., 2].max()) - surface)
     relief = highest
-    shares = {}
     for part in mesh.layers[:-1]:
         rock = ground.materials[part.material]
-        if part.thickness_m is None or mean_edge(mesh, part, rock) is not None:
+        level = part.follows_surface != following
+        if part.thickness_m is None or level or mean_edge(mesh, part, rock) is not None:
             break
         height += part.thickness_m
         periods += top * (part.thickness_m + relief) / rock.cs
         grounds = [ground.materials[name] for name in (*thin, part.material)]
         beyond = stations.clearance > reach_of_trapped_waves(height + highest, grounds)
         relief, share = 0.0, share_of_edge(periods, beyond)
-        inside = stations.highest_source > surface - height
-        if not share or inside or names.count(part.material) > 1:
+        if not share or source < height or names.count(part.material) > 1:
             break
         thin.append(part.material)
         shares = dict.fromkeys(thin, share)
+    return shares | _thin_fills(ground, stations)
+
+
+def _thin_fills(ground, stations):
+    """Return the materials of thin fills at the top, as `thin_layers`."""
+    shares, geometry = {}, ground.geometry
+    benches = Benches(geometry, np.inf) if geometry.benches and geometry.fills else None
+    for part in geometry.fills:
+        corners = np.array(np.meshgrid(*part.box[:2])).reshape(2, -1).T
+        top = geometry.box[2, 1] if benches is None else benches.ground(corners).max()
+        if part.box[2, 1] < top:
+            continue
+        rock, height = ground.materials[part.name], float(top - part.box[2, 0])
+        beyond = stations.clearance > reach_of_trapped_waves(height, [rock])
+        share = share_of_edge(ground.frequency * height / rock.cs, beyond)
+        if share and not stations.has_source_in(part.box):
+            shares[part.name] = share
     return shares
 
 
 def layer_sizes(ground: Ground, stations: Stations, order: int) -> np.ndarray:
-    """Return width and height (n_layers, 2) in m of the hexahedra of each layer.
+    """Return width and height (n, 2) in m of the hexahedra of each layer, then of each fill.
 
     Thin ones are as wide as `Model.highest_frequency` asks for, too.
     """
-    parts, thin = ground.mesh.layers, thin_layers(ground, stations)
+    fills = [LayerConfig(material=part.material) for part in ground.mesh.fills]
+    parts, thin = [*ground.mesh.layers, *fills], thin_layers(ground, stations)
     high = np.array([_size(ground, part, order, stations.reach) for part in parts])
     if not thin:
         return np.column_stack([high, high])

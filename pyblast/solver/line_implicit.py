@@ -18,6 +18,7 @@ SHARE = 0.25  # of the mass of line-implicit zones, for their stiffness across t
 NODE_COST = 0.5  # of a line's node over that of an explicit zone's node, in a step
 LEAST_GAIN = 1.3  # of the cost of a run, for a layer to become implicit
 MOST_NODES = 200  # in one line
+APART = 2.0  # step of other zones of a group over that of its flat ones, for these to be a part
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,16 +113,16 @@ def work_of_ground(
     grounds : dict of str to Material
         By group.
     whole : callable
-        ``(groups) -> bool``: whether lines across these serve.
+        ``(numbers of groups) -> bool``: whether lines across these serve.
     """
     rocks = [grounds[name] for name in mesh.groups]
     bounds = steps_of_gradients(
         _gradients(mesh), moduli_of(rocks)[:, mesh.zone_group],
         np.array([rock.density for rock in rocks])[mesh.zone_group], mesh.order,
     )  # fmt: skip
-    least = least_of_groups(bounds, mesh.zone_group)
-    count = np.bincount(mesh.zone_group, minlength=len(rocks))
-    chosen = line_groups(*least, count, whole)
+    part, group = parts_of_groups(bounds, mesh.zone_group)
+    least, count = least_of_parts(bounds, part), np.bincount(part)
+    chosen = line_parts(*least, count, lambda more: whole(group[more]))
     more = 1.0 + NODE_COST * count[chosen].sum() / count.sum()
     return more * len(mesh.zones) * mesh.order**3 / step_with_lines(least, chosen)
 
@@ -133,19 +134,47 @@ def moduli_of(rocks: Sequence[Material]) -> np.ndarray:
 
 
 def step_with_lines(least: np.ndarray, chosen: np.ndarray) -> float:
-    """Return the least step in s of groups of which some are line-implicit.
+    """Return the least step in s of parts of ground of which some are line-implicit.
 
-    ``least`` (2, n_groups) are those of `line_groups`, ``chosen`` (n_groups,) bool.
+    ``least`` (2, n_parts) are those of `line_parts`, ``chosen`` (n_parts,) bool.
     """
     return float(min(least[0][~chosen].min(), least[1][chosen].min(initial=np.inf)))
 
 
-def least_of_groups(bounds: Sequence[np.ndarray], group: np.ndarray) -> np.ndarray:
-    """Return the least (2, n_groups) of two bounds (n_zones,) of zones by their groups."""
-    least = np.full((2, int(group.max()) + 1), np.inf)
+def least_of_parts(bounds: Sequence[np.ndarray], part: np.ndarray) -> np.ndarray:
+    """Return the least (2, n_parts) of two bounds (n_zones,) of zones by their parts."""
+    least = np.full((2, int(part.max()) + 1), np.inf)
     for row, steps in zip(least, bounds, strict=True):
-        np.minimum.at(row, group, steps)
+        np.minimum.at(row, part, steps)
     return least
+
+
+def parts_of_groups(
+    bounds: tuple[np.ndarray, np.ndarray], group: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the parts (n_zones,) that are line-implicit as a whole, and their groups (n_parts,).
+
+    A group is one part. Its zones that gain by lines are another where they are so much flatter
+    than the rest, such as rock beside a fill, that their step is less than half.
+
+    Parameters
+    ----------
+    bounds : tuple of 2 (n_zones,) float64, s
+        Of `steps_of_gradients`.
+    group : (n_zones,) int
+
+    Examples
+    --------
+    >>> bounds = np.array([1.0, 5.0, 5.0]), np.array([9.0, 2.0, 9.0])
+    >>> [part.tolist() for part in parts_of_groups(bounds, np.array([0, 0, 1]))]
+    [[2, 0, 1], [0, 1, 0]]
+    """
+    flat, count = bounds[1] > bounds[0], int(group.max()) + 1
+    least = np.full((2, count), np.inf)
+    np.minimum.at(least, (flat.astype(int), group), bounds[0])
+    apart = np.isfinite(least).all(axis=0) & (least[0] > APART * least[1])
+    owner, part = np.unique(group + count * (flat & apart[group]), return_inverse=True)
+    return part, owner % count
 
 
 def line_zones(model: Model, bounds: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
@@ -153,33 +182,30 @@ def line_zones(model: Model, bounds: tuple[np.ndarray, np.ndarray]) -> np.ndarra
 
     ``bounds`` are the `steps_of_zones`.
     """
-    group, n_groups = model.mesh.zone_group, len(model.mesh.groups)
-    if n_groups < 2:
-        return np.zeros(len(group), dtype=bool)
-    least = least_of_groups(bounds, group)
-    count = np.bincount(group, minlength=n_groups)
-    return line_groups(*least, count, lambda chosen: _upright(model, chosen[group]))[group]
+    part, _ = parts_of_groups(bounds, model.mesh.zone_group)
+    least, count = least_of_parts(bounds, part), np.bincount(part)
+    return line_parts(*least, count, lambda chosen: _upright(model, chosen[part]))[part]
 
 
-def line_groups(
+def line_parts(
     explicit: np.ndarray,
     implicit: np.ndarray,
     count: np.ndarray,
     upright: Callable[[np.ndarray], bool],
 ) -> np.ndarray:
-    """Return which groups a run takes implicitly along their lines of nodes, (n_groups,) bool.
+    """Return which parts a run takes implicitly along their lines of nodes, (n_parts,) bool.
 
     Those without which the step is so much longer that the run is cheaper by `LEAST_GAIN`: none in
     most grounds.
 
     Parameters
     ----------
-    explicit, implicit : (n_groups,) float64, s
+    explicit, implicit : (n_parts,) float64, s
         Least steps of `steps_of_gradients`.
-    count : (n_groups,) int
+    count : (n_parts,) int
         Zones.
     upright : callable
-        ``(groups) -> bool``: whether lines across these serve.
+        ``(parts) -> bool``: whether lines across these serve.
     """
     best, chosen = explicit.min() / LEAST_GAIN, np.zeros(len(count), dtype=bool)
     for number in np.argsort(explicit)[:-1]:

@@ -104,6 +104,29 @@ def test_the_area_of_a_plane_under_a_hill_is_that_of_a_closed_form():
     assert row.built == pytest.approx(120.0 * 60.0, rel=1e-9)
 
 
+def test_layers_that_follow_a_surface_are_judged_by_their_depth_under_it():
+    ramp = np.array([[x, y, 0.1 * x] for x in (0.0, 120.0) for y in (0.0, 90.0)])
+    thick, thin = (
+        asked([], [JointSet("S", np.pi / 2, 0.0, 30.0, regions=("rock",))], surface=ramp,
+              layers=[Layer("soil", height, follows_surface=True), Layer("rock")])
+        for height in (6.0, 3.0)
+    )  # fmt: skip
+    mesh = hexahedra(thick)
+
+    assert wrong(mesh, thick) == set()
+    found = {row for row in as_built(mesh, thin, WAVE) if not row.good}
+    assert {row.quantity.split(",")[0] for row in found if row.name == "soil on rock"} == {
+        "root mean square distance from its depth",
+        "largest mean distance from its depth over a tenth of a wavelength",
+    }
+    away = next(row for row in found if row.quantity.startswith("root mean square"))
+    assert away.built == pytest.approx(3.0, rel=1e-6)
+    assert ("S", "area, m2") in {(row.name, row.quantity) for row in found}
+    (depth,) = (row for row in positions_as_built(mesh, thick, {"R": np.array([60.0, 45.0, 6.0])})
+                if row.quantity == "depth of rock below the ground, m")  # fmt: skip
+    assert (depth.asked, depth.built) == pytest.approx((6.0, 6.0), abs=1e-6)
+
+
 def test_the_ground_under_positions_that_stand_on_it_is_judged():
     ramp = np.array([[x, y, 0.1 * x] for x in (0.0, 120.0) for y in (0.0, 90.0)])
     ground = asked(surface=ramp)

@@ -5,7 +5,8 @@ import pytest
 
 from pyblast.errors import InputError
 from pyblast.mesh.grid import SIDES, Fault, Geometry, JointSet, Layer
-from pyblast.mesh.hexahedral.mapped import Fine, NotMapped, build_mapped, divided
+from pyblast.mesh.hexahedral.mapped import Fine, build_mapped, divided
+from pyblast.mesh.hexahedral.planes import NotMapped
 from pyblast.mesh.mesh import quality, zone_volumes
 from pyblast.mesh.spectral_nodes import spectral_nodes
 
@@ -74,6 +75,55 @@ def test_a_set_is_cut_to_the_layers_that_it_names():
 
     height = mesh.points[mesh.surfaces["S"]][..., 2]
     assert (height.min(), height.max()) == (-60.0, -20.0)  # not in soil nor beyond the box
+
+
+def slope(rise=0.2):
+    """Return a survey (n, 3) of ground that rises to the east and a little to the north."""
+    x, y = np.meshgrid(np.linspace(-400.0, 600.0, 11), np.linspace(-400.0, 600.0, 11))
+    return np.column_stack([x.ravel(), y.ravel(), (rise * (x + 0.3 * y)).ravel()])
+
+
+FOLLOWING = [Layer("fill", 1.5, follows_surface=True), Layer("soil", 3.0, follows_surface=True),
+             Layer("weathered", 10.0), Layer("rock")]  # fmt: skip
+
+
+@pytest.mark.parametrize("faults", [(), (fault(70.0, 90.0),)], ids=["upright", "dipping"])
+def test_layers_that_follow_a_surface_are_as_thick_everywhere(faults):
+    mesh = built(FOLLOWING, faults=faults, surface=slope())
+
+    places = mesh.node_places
+    inside = np.abs(places[..., :2] - [100.0, 75.0]).max(axis=-1) < 60.0
+    depth = 0.2 * (places[..., 0] + 0.3 * places[..., 1]) - places[..., 2]
+    for number, (least, most) in enumerate([(0.0, 1.5), (1.5, 4.5)]):
+        own = depth[inside & (mesh.zone_group == number)[:, None]]
+        assert (own.min(), own.max()) == pytest.approx((least, most), abs=1e-9)
+    level = mesh.node_places[mesh.zone_group == 3][..., 2]
+    assert level.max() == pytest.approx(-14.5)
+    assert zone_volumes(mesh).min() > 0.0
+
+
+def test_layers_that_follow_a_surface_stand_above_all_others_and_not_last():
+    for layers, words in [
+        ([Layer("soil", 3.0), Layer("fill", 1.5, follows_surface=True), Layer("rock")], "above"),
+        ([Layer("rock", follows_surface=True)], "last"),
+    ]:
+        with pytest.raises(InputError, match=words):
+            Geometry(BOX, tuple(layers), surface=slope())
+
+
+def test_joints_cut_all_layers_that_follow_a_surface_or_none():
+    both, rock = ("soil", "fill", "weathered", "rock"), ("weathered", "rock")
+    for regions in (None, both, rock):
+        Geometry(BOX, tuple(FOLLOWING), (JointSet("S", 1.0, 0.0, 50.0, regions=regions),))
+    with pytest.raises(InputError, match="regions: must leave out"):
+        Geometry(BOX, tuple(FOLLOWING), (JointSet("S", 1.0, 0.0, 50.0, regions=("soil",)),))
+
+
+def test_a_plane_that_reaches_into_layers_that_follow_a_surface_is_refused():
+    flat = fault(0, 0, (0.0, 0.0, -14.4), "J")
+
+    with pytest.raises(NotMapped, match="4.5 m of layers that follow it"):
+        built(FOLLOWING, faults=[flat], surface=slope() - [0.0, 0.0, 10.0])
 
 
 @pytest.mark.parametrize(

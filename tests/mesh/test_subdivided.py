@@ -8,7 +8,8 @@ from pyblast.mesh.faces import face_vectors
 from pyblast.mesh.grid import SIDES, Fault, Geometry, JointSet, Layer
 from pyblast.mesh.hexahedra import corner_neighbours
 from pyblast.mesh.hexahedral import subdivided
-from pyblast.mesh.hexahedral.mapped import Fine, NotMapped, Surface
+from pyblast.mesh.hexahedral.mapped import Fine, Surface
+from pyblast.mesh.hexahedral.planes import NotMapped
 from pyblast.mesh.hexahedral.subdivided import build_subdivided, subdivide
 from pyblast.mesh.mesh import outer_faces, zone_volumes
 from pyblast.mesh.quality import explicit_work

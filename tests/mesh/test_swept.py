@@ -5,7 +5,8 @@ import pytest
 
 from pyblast.mesh.faces import face_vectors
 from pyblast.mesh.grid import SIDES, Fault, Geometry, JointSet, Layer
-from pyblast.mesh.hexahedral.mapped import Fine, NotMapped
+from pyblast.mesh.hexahedral.mapped import Fine
+from pyblast.mesh.hexahedral.planes import NotMapped
 from pyblast.mesh.hexahedral.swept import (
     arrangement,
     build_swept,
@@ -149,6 +150,19 @@ def test_an_upright_plane_stays_upright_below_a_hill():
     assert top[..., 2] == pytest.approx(60.0 + 0.1 * top[..., 0])
     with pytest.raises(NotMapped, match="'F' dips and comes out of the ground surface"):
         built([fault(60, 90, (60.0, 45.0, 60.0))], surface=surface)
+
+
+@pytest.mark.parametrize("dip", [60, 90], ids=["swept level", "swept upright"])
+def test_a_layer_that_follows_a_hill_is_as_thick_everywhere(dip):
+    x, y = np.meshgrid(np.linspace(0.0, 120.0, 13), np.linspace(0.0, 90.0, 10))
+    surface = np.column_stack([x.ravel(), y.ravel(), 60.0 + 0.1 * x.ravel()])
+    plane = fault(dip, 60 if dip == 90 else 90, (60.0, 45.0, 10.0), extent=(200.0, 10.0))
+    layers = (Layer("soil", 2.0, follows_surface=True), Layer("rock"))
+    mesh = built([plane], open_sides=("bottom",), layers=layers, surface=surface)
+
+    places = mesh.node_places[mesh.zone_group == 0]
+    depth = 60.0 + 0.1 * places[..., 0] - places[..., 2]
+    assert (depth.min(), depth.max()) == pytest.approx((0.0, 2.0), abs=1e-9)
 
 
 def test_the_mesh_has_no_hole_and_its_sides_are_its_boundary():

@@ -4,25 +4,27 @@ Planes ``x = a + b y + c z`` that don't meet in the box are surfaces of one fami
 whatever their dips and strikes; between two neighbours the grid is linear, and the sides stand.
 Planes across the second axis and horizontal ones are surfaces of the other two families. Above a
 level reference the nodes move along the lines of the grid up to a surveyed surface, so that planes
-stay plane. A grid without slopes is a plain grid. Source: Gordon & Hall (1973).
+stay plane. Faces of straight benches are planes of the grid, too, and zones in front of them are
+left out. A grid without slopes is a plain grid. Source: Gordon & Hall (1973).
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from itertools import pairwise, permutations
+from itertools import pairwise, permutations, product
 from typing import Protocol
 
 import numpy as np
 from scipy.interpolate import LinearNDInterpolator, NearestNDInterpolator
 
-from ...errors import InputError
 from .. import hexahedra
 from ..faces import face_keys
 from ..grid import SIDES, Geometry
 from ..hexahedra import AbsorbingLayer
 from ..mesh import Mesh
 from ..quality import explicit_work, refuse_beyond_memory
+from .benches import Benches, face_normal
+from .planes import PARALLEL, NotMapped, planes_of
 
 LAYER_CELLS = {2: 6, 3: 3}  # of the absorbing layer by order; of higher orders two
 LEAST_GAP = 0.15  # of an edge, at the narrow end between two planes, or a plane and a side
@@ -30,144 +32,10 @@ NARROWING = 0.5  # narrow end over wide end from which the gap does not matter
 BELOW_SURFACE = 0.25  # of an edge, from the reference to the lowest ground
 STEEP = 0.3  # least component of the normal of a plane along the first axis
 SAME = 0.008  # of an edge: ends nearer than this to another plane lie on it
-PARALLEL = 1e-7  # sine of the angle between directions that count as parallel
 ROUND = 1e-9  # of the size: coordinates that count as equal
-LEAST_AREA = 1e-3  # of the square of the spacing, of a joint that cuts a corner of the box
 HEIGHTS = 25  # tried on each line, for surfaces that it meets more than once
 BISECTIONS = 50
 BYTES_PER_NODE = 500.0
-
-
-class NotMapped(InputError):
-    """The ground can't be a mesh of this kind; the message says what stands in the way."""
-
-
-@dataclass(frozen=True, eq=False)
-class Plane:
-    """Plane of a geometry, or the rectangle of it that is open.
-
-    Parameters
-    ----------
-    name : str
-    normal : (3,) float64, unit, upward
-    point : (3,) float64, m
-        On it; the centre of its extent.
-    strike : (3,) float64, unit, horizontal
-    extent : tuple of 2 float or None, m
-        Full length along strike and down dip.
-    heights : tuple of 2 float, m
-        Of the layers that it cuts.
-    """
-
-    name: str
-    normal: np.ndarray
-    point: np.ndarray
-    strike: np.ndarray
-    extent: tuple[float, float] | None = None
-    heights: tuple[float, float] = (-np.inf, np.inf)
-
-    @property
-    def down(self) -> np.ndarray:
-        """Unit vector (3,) down the dip."""
-        return np.cross(self.normal, self.strike)
-
-    def corners(self, reach: float) -> np.ndarray:
-        """Return the corners (4, 3) in m of the extent, else of a square of half width `reach`."""
-        a, b = (reach, reach) if self.extent is None else (0.5 * np.array(self.extent))
-        signs = ((-1, -1), (1, -1), (1, 1), (-1, 1))
-        return np.array([self.point + i * a * self.strike + j * b * self.down for i, j in signs])
-
-    def area_in(self, box: np.ndarray) -> float:
-        """Return the area in m2 inside a box (3, 2)."""
-        corners = self.corners(2.0 * float(np.linalg.norm(np.ptp(box, axis=1))))
-        for axis, sign in ((axis, sign) for axis in range(3) for sign in (-1, 1)):
-            normal = sign * np.eye(3)[axis]
-            corners = _below(corners, normal, sign * box[axis, (sign + 1) // 2])
-        if len(corners) < 3:
-            return 0.0
-        parts = np.cross(corners[1:-1] - corners[0], corners[2:] - corners[0])
-        return float(0.5 * np.linalg.norm(parts.sum(axis=0)))
-
-
-def _below(corners, normal, offset):
-    """Return the part of a convex polygon (n, 3) where normal · x <= offset."""
-    height = corners @ normal - offset
-    parts = []
-    for a, b, ha, hb in zip(
-        corners, np.roll(corners, -1, axis=0), height, np.roll(height, -1), strict=True
-    ):
-        parts += [a] if ha <= 0.0 else []
-        parts += [a + (b - a) * ha / (ha - hb)] if ha * hb < 0.0 else []
-    return np.array(parts).reshape(-1, 3)
-
-
-def planes_of(geometry: Geometry) -> list[Plane]:
-    """Return the planes that cut a geometry, those of sets one by one.
-
-    Raises
-    ------
-    NotMapped
-        If only round or scattered parts of a plane are open.
-    InputError
-        If a fault or a set does not cut the model.
-    """
-    box = geometry.box.copy()
-    if geometry.surface is not None:
-        box[2, 1] = max(box[2, 1], geometry.surface[..., 2].max())
-    planes = []
-    for fault in geometry.faults:
-        if fault.radius is not None or fault.polygon is not None:
-            raise NotMapped(f"{fault.name!r} is no rectangle")
-        normal, point = fault.unit_normal, np.asarray(fault.point, dtype=float)
-        plane = Plane(fault.name, normal, point, _strike(normal, fault), fault.extent)
-        planes += [plane] if plane.area_in(box) > 0.0 else []
-    for part in geometry.joint_sets:
-        if part.persistence < 1.0:
-            raise NotMapped(f"{part.name!r} has intact parts (persistence below 1)")
-        planes += _planes_of_set(part, geometry, box)
-    for part in (*geometry.faults, *geometry.joint_sets):
-        if not any(plane.name == part.name for plane in planes):
-            raise InputError(f"mesh: {part.name!r} does not cut the model")
-    return planes
-
-
-def _planes_of_set(part, geometry, box):
-    """Return the planes of a joint set that cut a box, by the layers that they cut."""
-    origin = geometry.box.mean(axis=1) if part.origin is None else np.array(part.origin, float)
-    corners = np.array(np.meshgrid(*box)).reshape(3, -1).T
-    reach = (corners - origin) @ part.normal / part.spacing
-    # Without planes that only touch the box.
-    numbers = range(int(np.ceil(reach.min() + 1e-6)), int(np.floor(reach.max() - 1e-6)) + 1)
-    spans = [(-np.inf, np.inf)]
-    if part.regions is not None:
-        limits = geometry.limits.copy()
-        limits[[0, -1]] = np.inf, -np.inf
-        spans = [
-            (low, high)
-            for layer, (high, low) in zip(geometry.layers, pairwise(limits), strict=True)
-            if layer.name in part.regions
-        ]
-    strike = _strike(part.normal, part)
-    planes = [
-        Plane(part.name, part.normal, origin + k * part.spacing * part.normal, strike)
-        for k in numbers
-    ]
-    least = LEAST_AREA * part.spacing**2
-    return [
-        Plane(part.name, plane.normal, plane.point, strike, heights=span)
-        for plane in planes
-        if plane.area_in(box) > least
-        for span in spans
-    ]
-
-
-def _strike(normal, part):
-    """Return the horizontal unit vector (3,) in a plane, 90 degrees left of its dip direction."""
-    flat = np.hypot(*normal[:2])
-    if flat > PARALLEL:
-        return np.array([-normal[1], normal[0], 0.0]) / flat
-    towards = part.dip_direction or 0.0
-    return np.array([-np.cos(towards), np.sin(towards), 0.0])
 
 
 class Surface:
@@ -180,7 +48,8 @@ class Surface:
             raise NotMapped("the ground surface is given as triangles, which cut its blocks")
         self.inside = LinearNDInterpolator(survey[:, :2], survey[:, 2])
         self.outside = NearestNDInterpolator(survey[:, :2], survey[:, 2])
-        self.box = geometry.box[:2]
+        self.box, self.top = geometry.box[:2], float(geometry.box[2, 1])
+        self.depths = [*geometry.depths[::-1], 0.0]
         on = ((survey[:, :2] >= self.box[:, 0]) & (survey[:, :2] <= self.box[:, 1])).all(axis=1)
         edges = np.linspace(self.box[:, 0], self.box[:, 1], 41)
         x, y = np.meshgrid(*edges.T)
@@ -199,11 +68,34 @@ class Surface:
 
     def refuse_above(self, reference: float, edge: float) -> None:
         """Raise NotMapped where what ends at a reference height comes out of the ground."""
-        if reference > self.lowest - BELOW_SURFACE * edge:
+        cover = self.depths[0]
+        if reference > self.lowest - cover - BELOW_SURFACE * edge or reference >= self.top - cover:
+            less = f", with {cover:.4g} m of layers that follow it" if cover else ""
             raise NotMapped(
                 f"a plane, an end or a layer reaches {reference:.4g} m, and the ground surface "
-                f"goes down to {self.lowest:.4g} m"
+                f"goes down to {self.lowest:.4g} m{less}"
             )
+
+    def stretched(
+        self, z: np.ndarray, level: float, reached: Callable[[float], np.ndarray]
+    ) -> np.ndarray:
+        """Return heights (...) in m that are moved to the surface, with the layers that follow it.
+
+        Parameters
+        ----------
+        z : (...) float64, m
+            Where the top of the box is the surface.
+        level : float, m
+            Below which nothing moves.
+        reached : callable
+            ``(depth) -> (...) float64``: heights in m of what lies so deep under the surface.
+        """
+        moved, foot, low = z, level, level
+        for depth in self.depths:
+            height, upper = reached(depth), self.top - depth
+            moved = np.where(z > low, foot + (z - low) * ((height - foot) / (upper - low)), moved)
+            foot, low = height, upper
+        return moved
 
 
 def side_names(frame: np.ndarray) -> list[list[str]]:
@@ -389,17 +281,23 @@ def build_mapped(
     >>> mesh.groups, len(mesh.split(["F"]).contacts.names)
     (('rock',), 1)
     """
-    planes, reasons, meshes = planes_of(geometry), [], []
-    surface = None if geometry.surface is None else Surface(geometry)
+    reasons, meshes, edges = [], [], edge_pairs(sizes)
+    planes, top = planes_of(geometry), _top(geometry, edges)
     for frame in _frames(geometry, planes):
         try:
-            edges = edge_pairs(sizes)
-            meshes.append(_Grid(geometry, planes, edges, order, frame, surface, lines).mesh())
+            meshes.append(_Grid(geometry, planes, edges, order, frame, top, lines).mesh())
         except NotMapped as reason:
             reasons.append(str(reason))
     if not meshes:
         raise NotMapped(reasons[0])
     return meshes[0] if len(meshes) == 1 else min(meshes, key=explicit_work)
+
+
+def _top(geometry, edges):
+    """Return the surface or the benches of a geometry, None where its top is level."""
+    if geometry.benches:
+        return Benches(geometry, SAME * float(edges[:, 0].min()))
+    return None if geometry.surface is None else Surface(geometry)
 
 
 def grid_lines(geometry: Geometry, sizes: Sizes, order: int) -> list[np.ndarray]:
@@ -412,10 +310,11 @@ def grid_lines(geometry: Geometry, sizes: Sizes, order: int) -> list[np.ndarray]
     NotMapped
         If no grid serves.
     """
-    planes, reasons = planes_of(geometry), []
+    edges, reasons = edge_pairs(sizes), []
+    planes, top = planes_of(geometry), _top(geometry, edges)
     for frame in _frames(geometry, planes):
         try:
-            return _Grid(geometry, planes, edge_pairs(sizes), order, frame, None, None).axes
+            return _Grid(geometry, planes, edges, order, frame, top, None).axes
         except NotMapped as reason:
             reasons.append(reason)
     raise reasons[0]
@@ -424,6 +323,7 @@ def grid_lines(geometry: Geometry, sizes: Sizes, order: int) -> list[np.ndarray]
 def is_plain(geometry: Geometry) -> bool:
     """Tell whether all planes of a geometry lie along the axes, and so its grid has no slopes."""
     parts = [fault.unit_normal for fault in geometry.faults]
+    parts += [face_normal(*lines) for lines in geometry.benches]
     normals = np.array(parts + [part.normal for part in geometry.joint_sets]).reshape(-1, 3)
     return bool((np.sort(np.abs(normals), axis=1)[:, 1] < PARALLEL).all())
 
@@ -432,6 +332,7 @@ def _frames(geometry, planes):
     """Return the axes (3, 3) of grids to try."""
     x, y, z = np.eye(3)
     normals = [plane.normal for plane in planes if np.hypot(*plane.normal[:2]) > PARALLEL]
+    normals += [face_normal(*lines) for lines in geometry.benches]
     if is_plain(geometry):
         return [np.eye(3)]
     frames = [np.eye(3), np.array([y, -x, z])]
@@ -465,20 +366,35 @@ class _Grid:
     the other two.
     """
 
-    def __init__(self, geometry, planes, sizes, order, frame, surface, lines):
+    def __init__(self, geometry, planes, sizes, order, frame, top, lines):
         """Sort the planes by axis and divide the distances between them."""
-        self.geometry, self.frame, self.surface = geometry, frame, surface
+        self.benches = top if isinstance(top, Benches) else None
+        self.surface = surface = top if isinstance(top, Surface) else None
+        self.geometry, self.frame = geometry, frame
         self.order, self.cells = order, layer_cells(order)
         self.edge, self.heights = float(sizes[:, 0].min()), sizes[:, 1]
         self.range = extent_along(frame, geometry.box)
+        if self.benches is not None:
+            self.range[2, 1] = self.benches.top
         self.names = side_names(frame)
         self.open = np.array([[s in geometry.open_sides for s in pair] for pair in self.names])
         self.top = self.range[2, 1] if surface is None else max(surface.highest, self.range[2, 1])
         self.parts = [self._part(plane) for plane in planes]
+        faces = [] if self.benches is None else self.benches.faces
+        self.cuts = self.parts + [self._part(plane) for plane in faces]
         self._family()
         self._reference()
         self.width = np.ones((3, 2))
+        self.fills = [self._fill(part) for part in geometry.fills]
         self.axes = [self._axis_line(axis, lines or ()) for axis in range(3)]
+
+    def _fill(self, part):
+        """Return the limits (3, 2) of a fill along the axes, infinite beyond the box."""
+        if np.sort(np.abs(self.frame), axis=1)[:, 1].max() > PARALLEL:
+            raise NotMapped(f"{part.name!r} is oblique to the grid")
+        limits = extent_along(self.frame, part.box)
+        outside = np.stack([limits[:, 0] <= self.range[:, 0], limits[:, 1] >= self.range[:, 1]], 1)
+        return np.where(outside, [-np.inf, np.inf], limits)
 
     def _part(self, plane):
         """Return plane, axis and the limits (3,), (3,) of its extent along the axes."""
@@ -506,13 +422,15 @@ class _Grid:
         y, z = np.meshgrid(self.range[1], [self.range[2, 0], self.top], indexing="ij")
         self.corners = np.stack([y, z], axis=-1).reshape(-1, 2) - self.middle
         members, ends = [], []
-        for plane, axis, low, high in self.parts:
+        for plane, axis, low, high in self.cuts:
             if axis == 0:
                 n = self.frame @ plane.normal
                 slopes = -n[1:] / n[0]
                 members.append(_Member(plane.name, self._position_of(plane, axis), slopes))
             else:
                 ends += [(plane.name, end) for end in (low[0], high[0])]
+        for part in self.geometry.fills:
+            ends += [(part.name, end) for end in extent_along(self.frame, part.box)[0]]
         level = [each.x for each in members if not each.slopes.any()]
         for name, end in ends:
             inside = self.range[0, 0] < end < self.range[0, 1]
@@ -553,8 +471,7 @@ class _Grid:
 
     def _reference(self):
         """Set the height below which nothing moves, under a surveyed surface."""
-        limits = self.geometry.limits
-        reached = [limits[-1], *limits[1:-1]]
+        reached = [self.geometry.limits[-1], *self.geometry.levels]
         reached += [plane.point[2] for plane, axis, _, _ in self.parts if axis == 2]
         reached += [part[3][2] for part in self.parts if part[0].extent is not None]
         self.level = max(reached)
@@ -566,13 +483,17 @@ class _Grid:
         """Return the coordinates of the surfaces of the grid along an axis, with the layer's."""
         low, high = self.range[axis]
         tolerance = ROUND * (high - low)
-        levels = [self._position_of(*part[:2]) for part in self.parts if part[1] == axis]
+        levels = [self._position_of(*part[:2]) for part in self.cuts if part[1] == axis]
         ends = [float(end) for part in self.parts for end in (part[2][axis], part[3][axis])]
         if axis == 2:
             levels += list(self.geometry.limits[1:-1])
             levels += [] if self.surface is None else [self.level]
+            levels += [] if self.benches is None else self.benches.heights
+            levels += [end for part in self.fills for end in part[2]]
         if axis == 0:
             levels, ends = [each.x for each in self.family[1:-1]], []
+        if axis == 1:
+            ends += [end for part in self.fills for end in part[1]]
         anchors = distinct_values(sorted(levels), (low, high), tolerance)
         near = distinct_values([*anchors[1:-1], *ends], (low, high), SAME * self.edge)
         anchors = distinct_values(sorted([*anchors[1:-1], *near[1:-1]]), (low, high), tolerance)
@@ -583,8 +504,11 @@ class _Grid:
     def _edge_between(self, axis, first, second):
         """Return the wanted edge in m of the cells between two surfaces of an axis."""
         if axis == 2:
-            layer = int(np.searchsorted(-self.geometry.limits[1:-1], -0.5 * (first + second)))
-            return self.heights[layer]
+            at, n = 0.5 * (first + second), len(self.geometry.layers)
+            layer = int(np.searchsorted(-self.geometry.limits[1:-1], -at))
+            within = [high for part, high in zip(self.fills, self.heights[n:], strict=True)
+                      if part[2, 0] < at < part[2, 1]]  # fmt: skip
+            return min([self.heights[layer], *within])
         if axis == 0:
             u, v = (next(f for f in self.family if f.x == x) for x in (first, second))
             widest = (v.at(self.corners) - u.at(self.corners)).max()
@@ -630,13 +554,16 @@ class _Grid:
         q, y, z = np.moveaxis(grid, -1, 0)
         if self.surface is not None:
             columns, inverse = np.unique(q.ravel() + 1j * y.ravel(), return_inverse=True)
-            ground = self._outcrop(np.real(columns), np.imag(columns))[inverse].reshape(q.shape)
-            stretch = (ground - self.level) / (self.range[2, 1] - self.level)
-            z = np.where(z > self.level, self.level + (z - self.level) * stretch, z)
+
+            def reached(depth):
+                heights = self._outcrop(np.real(columns), np.imag(columns), depth)
+                return heights[inverse].reshape(q.shape)
+
+            z = self.surface.stretched(z, self.level, reached)
         return np.stack([self._along(q, y, z), y, z], axis=-1) @ self.frame
 
-    def _outcrop(self, q, y):
-        """Return the height (n,) in m where lines of the grid meet the surface, by bisection.
+    def _outcrop(self, q, y, depth):
+        """Return the height (n,) in m where lines of the grid lie at a depth, by bisection.
 
         A line that meets it more than once is refused.
         """
@@ -644,7 +571,7 @@ class _Grid:
         def excess(z):
             x = np.clip(self._along(q, y, z), *self.range[0])
             horizontal = np.stack([x, np.clip(y, *self.range[1])], axis=-1) @ self.frame[:2, :2]
-            return z - self.surface.height(horizontal)
+            return z + depth - self.surface.height(horizontal)
 
         low = np.full(len(q), self.level)
         if not any(each.slopes.any() for each in self.family):
@@ -674,29 +601,49 @@ class _Grid:
         low = np.stack([axis[n] for axis, n in zip(self.axes, (i, j, k), strict=True)], axis=1)
         high = np.stack([axis[n + 1] for axis, n in zip(self.axes, (i, j, k), strict=True)], axis=1)
         lattice = np.stack(np.meshgrid(*self.axes, indexing="ij"), axis=-1).reshape(-1, 3)
+        exposed = np.zeros((len(zones), 3, 2), dtype=bool)  # faces beside air
+        if self.benches is not None:
+            solid = ~self._air(0.5 * (low + high))
+            exposed = _exposed(solid.reshape([n - 1 for n in counts]))[solid]
+            used, zones = np.unique(zones[solid], return_inverse=True)
+            zones, lattice, low, high = zones.reshape(-1, 8), lattice[used], low[solid], high[solid]
         nodes = None
         if self.surface is not None:
             inside = 0.5 * (hexahedra.reference_nodes(order) + 1.0)
             nodes = self.positions(low[:, None] + inside * (high - low)[:, None])
-        layers, limits = self.geometry.layers, self.geometry.limits
-        group = np.searchsorted(-limits[1:-1], -0.5 * (low + high)[:, 2])
+        layers, middle = [*self.geometry.layers, *self.geometry.fills], 0.5 * (low + high)
+        group = np.searchsorted(-self.geometry.limits[1:-1], -middle[:, 2])
+        for count, part in enumerate(self.fills, start=len(self.geometry.layers)):
+            group[((middle > part[:, 0]) & (middle < part[:, 1])).all(axis=1)] = count
         names = list(dict.fromkeys(layer.name for layer in layers))
         number = np.array([names.index(layer.name) for layer in layers])
         layer = layer_beside(self.open, self.range, self.width, self.frame)
         return Mesh(
             self.positions(lattice), zones, number[group], tuple(names),
-            self._surfaces(zones, low, high), order=order, places=nodes, layer=layer,
+            self._surfaces(zones, low, high, exposed), order=order, places=nodes, layer=layer,
         )  # fmt: skip
 
-    def _surfaces(self, zones, low, high):
-        """Return the faces of the sides and of the planes; those of planes of the zone below."""
+    def _air(self, grid):
+        """Return which places (n, 3) of the grid lie above the benches, (n,) bool."""
+        at = self.positions(grid) @ self.frame.T
+        at[:, 1] = np.clip(at[:, 1], *self.range[1])  # beyond, faces go on along the axis
+        return self.benches.air(at @ self.frame)
+
+    def _surfaces(self, zones, low, high, exposed):
+        """Return the faces of the sides and of the planes; those of planes of the zone below.
+
+        ``exposed`` (n_zones, 3, 2) are faces at lower and upper ends of axes that lie in the air.
+        """
         surfaces = {}
         for axis, names in enumerate(self.names):
             for end, name in enumerate(names):
                 edge = (low, high)[end][:, axis]
                 at = np.flatnonzero(np.isclose(edge, self.axes[axis][-end], rtol=0, atol=1e-9))
                 surfaces[name] = zones[at][:, hexahedra.FACES[2 * axis + end]]
-        free = np.ones((len(zones), 3), dtype=bool)  # upper faces that no earlier plane has
+        for axis, end in product(range(3), range(2)):
+            beside = zones[exposed[:, axis, end]][:, hexahedra.FACES[2 * axis + end]]
+            surfaces["top"] = np.concatenate([surfaces["top"], beside])
+        free = ~exposed[..., 1]  # upper faces beside ground that no earlier plane has
         middle = 0.5 * (low + high)
         inside = ((middle > self.range[:, 0]) & (middle < self.range[:, 1])).all(axis=1)
         sets = {part.name for part in self.geometry.joint_sets}  # end at the absorbing layer
@@ -718,6 +665,19 @@ class _Grid:
         n, q = self.frame @ plane.normal, self.frame @ plane.point
         at = q[axis] if axis else q[0] - (n[1:] / n[0]) @ (self.middle - q[1:])
         return round(float(at), 9)
+
+
+def _exposed(solid):
+    """Return which faces of the cells (nx, ny, nz) of a grid lie beside cells that are not solid.
+
+    (nx ny nz, 3, 2) bool, by axis, lower and upper end.
+    """
+    exposed = np.zeros((*solid.shape, 3, 2), dtype=bool)
+    for axis in range(3):
+        lower, upper = (np.moveaxis(exposed[..., axis, end], axis, 0) for end in range(2))
+        air = np.moveaxis(~solid, axis, 0)
+        lower[1:], upper[:-1] = air[:-1], air[1:]
+    return exposed.reshape(-1, 3, 2)
 
 
 @dataclass(frozen=True, eq=False)

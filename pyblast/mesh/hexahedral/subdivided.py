@@ -21,7 +21,6 @@ from ..quality import explicit_work
 from .mapped import (
     SAME,
     Fine,
-    NotMapped,
     Sizes,
     Surface,
     between_zones,
@@ -30,6 +29,7 @@ from .mapped import (
     layer_cells,
     least_edge,
 )
+from .planes import NotMapped
 from .swept import sliding, smoothed_quadrilaterals, upright
 
 EDGES = np.array([[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]])  # of a tetrahedron
@@ -54,6 +54,8 @@ def build_subdivided(
     """Build hexahedra of order 2 to 4 from tetrahedra, as a `mapped.Builder`."""
     if order not in ORDERS:
         raise NotMapped(f"tetrahedra are cut into hexahedra of order 2 to 4, not {order}")
+    if len(geometry.depths) or geometry.fills:
+        raise NotMapped("tetrahedra are not cut along fills and layers that follow the surface")
     meshes, thick = [], np.diff(-geometry.limits)
     edges = [least_edge([size], thick[k : k + 1]) for k, size in enumerate(edge_pairs(sizes))]
     for factor in TRIALS:

@@ -20,11 +20,8 @@ from ..mesh import Mesh
 from ..quality import refuse_beyond_memory
 from .mapped import (
     BYTES_PER_NODE,
-    PARALLEL,
     SAME,
     Fine,
-    NotMapped,
-    Plane,
     Sizes,
     Surface,
     between_zones,
@@ -35,9 +32,9 @@ from .mapped import (
     layer_beside,
     layer_cells,
     least_edge,
-    planes_of,
     side_names,
 )
+from .planes import PARALLEL, NotMapped, Plane, planes_of
 
 APART = 0.25  # of the thinnest layer or the spacing: largest distance of vertices that become one
 TRIALS = 11  # positions of a side that may move, up to an edge outward
@@ -65,6 +62,8 @@ def build_swept(
 ) -> Mesh:
     """Build a swept mesh, as a `mapped.Builder`."""
     planes, reasons = planes_of(geometry), []
+    if geometry.fills:
+        raise NotMapped("a fill is no part of a section that is swept")
     for frame in _frames(geometry, planes):
         if not _suits(planes, frame):
             continue
@@ -365,7 +364,7 @@ class _Sweep:
 
     def _reference(self, surface):
         """Return the height below which the ground is level: no plane or layer ends above it."""
-        heights = [self.geometry.limits[-1], *self.geometry.limits[1:-1]]
+        heights = [self.geometry.limits[-1], *self.geometry.levels]
         for plane in self.planes:
             if abs(plane.normal[2]) > 1.0 - PARALLEL:
                 heights.append(plane.point[2])
@@ -695,10 +694,8 @@ class _Sweep:
         level = np.abs(self.frame[:, 2]) < 0.5
         along[..., level] = np.clip(along[..., level], *self.range[level].T)
         ground = surface.height((along @ self.frame)[..., :2])
-        z, top = positions[..., 2], self.geometry.box[2, 1]
-        stretch = (ground - self.level) / (top - self.level)
-        moved = positions.copy()
-        moved[..., 2] = np.where(z > self.level, self.level + (z - self.level) * stretch, z)
+        moved, z = positions.copy(), positions[..., 2]
+        moved[..., 2] = surface.stretched(z, self.level, lambda depth: ground - depth)
         return moved
 
 
