@@ -27,9 +27,9 @@ from ..inference.variation import (
     ROUNDS,
     VARIED,
     charges_of,
+    filtered_motion,
     filters_of,
     no_filters,
-    sent,
     variation,
     with_variation,
 )
@@ -511,12 +511,12 @@ class Fitter:
         if not charges:
             return replace(error, levels=error.levels._replace(holes=(0.0,))), residual
         filters = no_filters(charges)
-        for left in range(0 if self.levels is FEW_LEVELS else ROUNDS, -1, -1):
+        for rounds in range(0 if self.levels is FEW_LEVELS else ROUNDS, -1, -1):
             own = variation(charges, band, residual.shape, filters)
-            change = sent(charges, band, len(residual), filters).change
+            change = filtered_motion(charges, band, len(residual), filters).change
             whole = with_variation(error, own, error.levels.holes)
             rest = residual - band.project(change)
-            at, *known = whole.most_probable(rest) if left else (Level(0.0),)
+            at, *known = whole.most_probable(rest) if rounds else (Level(0.0),)
             if at.holes == 0.0:
                 break
             filters = filters_of(own, charges, whole, at, *known)

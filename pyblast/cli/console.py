@@ -12,7 +12,7 @@ import signal
 import sys
 import time
 import unicodedata
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from threading import Event, Thread
@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from ..project.checks_ground import ModelSummary
     from ..project.project import Project
     from ..signals.comparison import Comparison
-    from ..workflows.diagnose import PeakBand
+    from ..workflows.diagnose import Prediction
     from ..workflows.run import Outcome
 
 STAGES = {
@@ -349,16 +349,16 @@ def _show_superposed_bands(project):
     say(f"holes vary by {percent:.2g} % (priors.holes_percent); alike they radiate as planned")
 
 
-def show_bands(bands: "Mapping[str, PeakBand]", percent: float, source: str) -> None:
+def show_bands(predicted: "Prediction") -> None:
     """Print the peaks of a further blast and their bands, with holes that vary and without."""
-    if not bands:
+    if not predicted.bands:
         return
     table = _table("PPV in mm/s", "as planned", "90 % of such blasts", "if holes were alike")
-    for name, band in bands.items():
+    for name, band in predicted.bands.items():
         peak, *ends = (_short(1e3 * value) for value in band)
         table.add_row(name, peak, f"{ends[0]} to {ends[1]}", f"{ends[2]} to {ends[3]}")
     _out.print(table)
-    say(f"holes vary by {percent:.2g} % ({source})")
+    say(f"holes vary by {predicted.holes_percent:.2g} % ({predicted.source})")
 
 
 def show_comparison(comparison: "Comparison", minimised: bool = True) -> None:

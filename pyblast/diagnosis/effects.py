@@ -21,10 +21,10 @@ from ..inference.variation import (
     Charges,
     Filters,
     Learned,
-    Sent,
+    FilteredMotion,
     Variation,
     learned_variation,
-    sent,
+    filtered_motion,
     variation,
     with_variation,
 )
@@ -194,13 +194,13 @@ class Scene:
         """Filters of charges that were learned without an effect, by number of the blast."""
         return {} if self.varied is None else self.varied.filters
 
-    def sent(self, filters: Mapping[int, Filters] | None = None) -> Sent:
+    def filtered(self, filters: Mapping[int, Filters] | None = None) -> FilteredMotion:
         """Return what charges send with filters, by default those learned without an effect."""
         if self.varied is None:
-            return Sent(0.0, {})
+            return FilteredMotion(0.0, {})
         if filters is None or filters is self.varied.filters:
-            return self.varied.sent
-        return sent(self.charges, self.case.band, len(self.case.blasts), filters)
+            return self.varied.filtered
+        return filtered_motion(self.charges, self.case.band, len(self.case.blasts), filters)
 
     def radiated(self, name: str, filters: Mapping[int, Filters] | None = None) -> np.ndarray:
         """Return the share of its planned motion that each hole of a blast radiates, (n_holes,).
@@ -208,7 +208,7 @@ class Scene:
         By filters of charges, at all receivers together.
         """
         planned, at = self.holes[name], self.case.blasts.index(name)
-        varied = self.sent(filters).charges.get(at, planned)
+        varied = self.filtered(filters).charges.get(at, planned)
         alike, energy = (np.einsum("hrct,hrct->h", planned, each) for each in (varied, planned))
         return np.where(energy > 0.0, alike / np.where(energy > 0.0, energy, 1.0), 1.0)
 
@@ -216,9 +216,9 @@ class Scene:
     def error(self) -> ErrorModel:
         """Learned error of the prediction of the calibrated site, but for what is calibrated."""
         if self.varied is None:
-            return self._error_around(Sent(0.0, {}))
+            return self._error_around(FilteredMotion(0.0, {}))
         own = self.varied
-        return with_variation(self._error_around(own.sent), own.around, own.levels)
+        return with_variation(self._error_around(own.filtered), own.around, own.levels)
 
     def _error_around(self, own):
         """Return the error around the motion that charges send, without their variation."""
@@ -269,7 +269,7 @@ class Scene:
         if all(effect.hypothesis.family == "instrument" for effect in effects):
             return error
         calibrated = np.tensordot(values - self.baseline.values, self.baseline.slopes, 1)
-        change = motion - self.baseline.motion - self.sent(filters).change - calibrated
+        change = motion - self.baseline.motion - self.filtered(filters).change - calibrated
         return replace(error, blocks=error.blocks.beside(change, self.case.band, IDEALISED))
 
     def variation_beside(self, effects: Sequence[Effect], filters) -> Variation:
@@ -496,7 +496,7 @@ class Scene:
         if HOLES in self.failures and superposed in effect.hypothesis.simulated:
             raise InputError(f"{HOLES}: {self.failures[HOLES]}")
         own, _ = blast_and_hole(effect.target)
-        charges = self.sent().charges if charges is None else charges
+        charges = self.filtered().charges if charges is None else charges
         return sum(
             self.change_by_holes(
                 name, effect.hypothesis.apply(pattern, effect.target, **effect.parameters),

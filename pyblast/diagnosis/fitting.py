@@ -73,7 +73,7 @@ class Fitter:
 
     def _vary(self, filters):
         """Let charges send what filters make of them."""
-        self.filters, self.sent = filters, self.scene.sent(filters)
+        self.filters, self.filtered = filters, self.scene.filtered(filters)
 
     def start(self) -> np.ndarray:
         """Return the parameters of the reference and of the effects as they were given."""
@@ -110,10 +110,10 @@ class Fitter:
                 continue
             slopes = self.scene.baseline.slopes
             run = run + np.tensordot(values - self.reference, slopes, 1)
-            run = run + self.shift + self.sent.change
+            run = run + self.shift + self.filtered.change
             received = None
             with self.scene.contained(effects):
-                received = self.scene.received(run, effects, self.sent.charges)
+                received = self.scene.received(run, effects, self.filtered.charges)
             motions.append(received)
         return motions
 
@@ -229,8 +229,8 @@ class Fitter:
     def fit_at(self, state: FitState, posterior: Posterior) -> "Fit":
         """Return the fit at a state."""
         values, effects = self.values_at(state.x)
-        chi_square = self.scene.baseline.chi_square(state.motion - self.sent.change)
-        filters, unplanned = self.filters, self.sent.change
+        chi_square = self.scene.baseline.chi_square(state.motion - self.filtered.change)
+        filters, unplanned = self.filters, self.filtered.change
         return Fit(
             effects, values, state, posterior, chi_square, filters=filters, unplanned=unplanned
         )

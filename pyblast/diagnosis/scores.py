@@ -230,7 +230,7 @@ def _cheapest_first(scene, rows):
 
 def _change_without_runs(scene, trial):
     """Return the changes by effects on holes or motion, in the band; None if one fails."""
-    motion, changes = scene.baseline.motion + scene.sent().change, []
+    motion, changes = scene.baseline.motion + scene.filtered().change, []
     for effect in trial.effects:
         with scene.contained((effect,)):
             changes.append(scene.seen(scene.received(motion, (effect,)) - motion))
@@ -379,7 +379,7 @@ class SiteScores:
     def prior(self) -> np.ndarray:
         """Records less the prediction of the calibrated site, at the prior."""
         baseline = self.scene.baseline
-        return self.residual(baseline.motion + self.scene.sent().change, baseline.values)
+        return self.residual(baseline.motion + self.scene.filtered().change, baseline.values)
 
     def _members_beside(self, fit):
         """Return the log Bayes factor (n_members, 1) of each member beside a fit."""

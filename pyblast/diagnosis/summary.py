@@ -99,8 +99,7 @@ def summarise_diagnosis(
         "next_measurement": _next_measurement(search, decision, remainder),
         "calibration": _calibration(baseline, fit),
         "model": {
-            "values": fit.values.tolist(),
-            "error_share": fit.posterior.level,
+            "values": fit.values.tolist(), "error_share": fit.posterior.level,
             "effects": [
                 {"name": e.name, "target": e.target, "values": [list(v) for v in e.values]}
                 for e in fit.effects

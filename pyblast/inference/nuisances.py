@@ -55,10 +55,10 @@ class Nuisances:
 
     def without(self, group: str) -> "Nuisances":
         """Return the columns of all other groups."""
-        kept = [n for n, own in enumerate(self.groups) if own != group]
-        if len(kept) == len(self.groups):
+        others = [n for n, own in enumerate(self.groups) if own != group]
+        if len(others) == len(self.groups):
             return self
-        return Nuisances(self.columns[kept], tuple(self.groups[n] for n in kept))
+        return Nuisances(self.columns[others], tuple(self.groups[n] for n in others))
 
 
 def design_nuisances(simulated, band: Band, mesh_errors, levels: Mapping[str, float]) -> Nuisances:

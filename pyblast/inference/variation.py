@@ -74,7 +74,7 @@ def log_filters(band: Band, n: int, size: int) -> np.ndarray:
     return np.array([1.0 + 0.0 * x, first, second, 1j * first, 1j * second]) / np.sqrt(2.5)
 
 
-class Sent(NamedTuple):
+class FilteredMotion(NamedTuple):
     """Motion that charges send with filters.
 
     Parameters
@@ -149,7 +149,9 @@ def no_filters(charges: Mapping[int, Charges]) -> dict[int, Filters]:
     return {b: Filters(np.zeros((h, 5)), np.zeros((h, r, 5))) for b, (h, r) in shapes.items()}
 
 
-def sent(charges: Mapping[int, Charges], band: Band, n_blasts: int, filters) -> Sent:
+def filtered_motion(
+    charges: Mapping[int, Charges], band: Band, n_blasts: int, filters
+) -> FilteredMotion:
     """Return what charges send with filters, both by number of the blast."""
     changed, varied = 0.0, {}
     for b, own in charges.items():
@@ -163,7 +165,7 @@ def sent(charges: Mapping[int, Charges], band: Band, n_blasts: int, filters) -> 
             varied[b][h] = fft.irfft(spectrum * factor, size)[..., :n]
         changed = np.zeros((n_blasts, *own.motion.shape[1:])) + changed
         changed[b] = fft.irfft(total, size)[..., :n]
-    return Sent(changed, varied)
+    return FilteredMotion(changed, varied)
 
 
 def _transform(charges, band):
@@ -255,7 +257,7 @@ class Learned(NamedTuple):
     filters : dict of int to Filters
         Most probable ones, by blast.
     around : Variation
-    sent : Sent
+    filtered : FilteredMotion
         With these filters.
     level : Varied
     levels : tuple of float
@@ -264,13 +266,13 @@ class Learned(NamedTuple):
 
     filters: dict[int, Filters]
     around: Variation
-    sent: Sent
+    filtered: FilteredMotion
     level: Varied
     levels: tuple[float, ...]
 
 
 def learned_variation(
-    build: Callable[[Sent], ErrorModel],
+    build: Callable[[FilteredMotion], ErrorModel],
     charges: Mapping[int, Charges],
     band: Band,
     residual: np.ndarray,
@@ -281,7 +283,7 @@ def learned_variation(
     Parameters
     ----------
     build : callable
-        ``(sent) -> error`` of all that is known, what is fitted included, around the motion
+        ``(filtered) -> error`` of all that is known, what is fitted included, around the motion
         with what the filters send, without variation.
     charges : mapping of int to Charges
         By number of the blast.
@@ -298,7 +300,7 @@ def learned_variation(
 
     def at_filters():
         own = variation(charges, band, residual.shape, filters)
-        with_filters = sent(charges, band, len(residual), filters)
+        with_filters = filtered_motion(charges, band, len(residual), filters)
         whole = with_variation(build(with_filters), own, levels)
         return own, with_filters, whole, residual - band.project(with_filters.change)
 

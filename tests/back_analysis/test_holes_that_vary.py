@@ -11,7 +11,7 @@ from pyblast.inference.covariance import record_blocks
 from pyblast.inference.error_model import ErrorModel
 from pyblast.inference.nuisances import Firings, moving_columns
 from pyblast.inference.records import Records
-from pyblast.inference.variation import Filters, charges_of, sent
+from pyblast.inference.variation import Filters, charges_of, filtered_motion
 
 NOISE, BAND, _ = residual_case()
 HOLES, RECEIVERS = 10, 3
@@ -40,7 +40,7 @@ def learned(level, levels=LEVELS, count=HOLES, seed=1):
     rng, motion = np.random.default_rng(seed), planned()
     charges = {0: charges_of(motion[0], fired(), PLACES, DT)}
     own, paths = rng.standard_normal((HOLES, 5)), rng.standard_normal((HOLES, RECEIVERS, 5))
-    change = sent(charges, BAND, 1, {0: Filters(level * own, level * paths)}).change
+    change = filtered_motion(charges, BAND, 1, {0: Filters(level * own, level * paths)}).change
     valid = np.ones(motion.shape, dtype=bool)
     records = Records(("a",), ("R1", "R2", "R3"), DT, motion + change, valid, BAND, NOISE)
     columns = moving_columns({}, (1, RECEIVERS, 3, BAND.n_functions))

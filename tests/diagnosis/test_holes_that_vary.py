@@ -19,7 +19,6 @@ from pyblast.inference.variation import ENDS, Charges, Scatter, peaks_of_drawn_b
 from verification import holes
 
 HOLES, FIFTH, DRAWS, FEW, LEVEL = 8, 4, 40, 8, 0.2
-HALF, LATE = 0.5, 3e-3  # of its charge, s
 PLACES = holes.PLACES[::3]
 MISFIRE = "misfire_or_charge_error/misfire"
 TARGETS = {
@@ -48,20 +47,19 @@ def survey(seed, level=LEVEL, theta=0.0, scales=1.0, late=0.0):
 
 
 def drawn(name, seed):
-    """Return the scene of a blast with an effect, and its true value: of the fifth hole, or all.
+    """Return the scene of a blast with an effect of drawn strength, and its true value.
 
-    What all holes share is drawn from its prior.
+    That of the fifth hole, where holes have values of their own.
     """
     rng, (own,) = np.random.default_rng(1000 + seed), LIBRARY[name].parameters
-    common, fifth = float(own.value(rng.standard_normal())), np.arange(HOLES) == FIFTH
+    true = 0.0 if name == MISFIRE else float(own.value(rng.standard_normal()))
+    fifth = np.arange(HOLES) == FIFTH
     if name == "delay_scatter":
-        return survey(seed, late=np.where(fifth, LATE, 0.0)), LATE
+        return survey(seed, late=np.where(fifth, true, 0.0)), true
     if name == "charge_exponent":
-        return survey(seed, theta=common), common
-    if name == "misfire_or_charge_error/blast":
-        return survey(seed, scales=common), common
-    true = 0.0 if name == MISFIRE else HALF
-    return survey(seed, scales=np.where(fifth, true, 1.0)), true
+        return survey(seed, theta=true), true
+    everywhere = name == "misfire_or_charge_error/blast"
+    return survey(seed, scales=np.where(fifth | everywhere, true, 1.0)), true
 
 
 def fitted(name, scene):

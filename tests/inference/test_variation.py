@@ -18,13 +18,13 @@ from pyblast.inference.variation import (
     Charges,
     Filters,
     Variation,
+    filtered_motion,
     learned_variation,
     log_filters,
     no_filters,
     variation,
     with_variation,
 )
-from pyblast.inference.variation import sent as sent_with
 
 NOISE, BAND, _ = residual_case()
 N_HOLES, N_RECEIVERS = 10, 3
@@ -127,7 +127,7 @@ def test_small_filters_change_motion_as_their_columns_and_large_ones_as_columns_
         free = np.moveaxis(free, 1, 0).reshape(N_RECEIVERS, -1)
         of_paths = np.einsum("rk,rkf->rf", free, own.to_paths[0])
         said = (
-            BAND.project(sent_with({0: charges()}, BAND, 1, {0: known}).change)
+            BAND.project(filtered_motion({0: charges()}, BAND, 1, {0: known}).change)
             + own.offset
             + (of_charges + of_paths.ravel()).reshape(own.offset.shape)
         )
@@ -182,7 +182,7 @@ def test_scales_of_varied_holes_are_named_without_the_level_alone():
     scaled = [0.3 * BAND.project(sent(scale(h)) - sent()) for h in range(N_HOLES)]
     own = learned_variation(lambda _: around, {0: charges()}, BAND, moved, VARIED)
     whole = with_variation(around, own.around, own.levels)
-    rest = moved - BAND.project(own.sent.change)
+    rest = moved - BAND.project(own.filtered.change)
 
     without = around.scores(moved[None], [Change(np.array(scaled))]).log_bayes[0, 0]
     (beside,) = whole.scores(rest[None], [Change(np.array(scaled))]).log_bayes[0]
