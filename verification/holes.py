@@ -133,7 +133,7 @@ def smooth(rng, shape, level):
     return np.moveaxis(drawn[:, 0] + 0.5j * drawn[:, 1], 0, -1)
 
 
-def varied(fired, level, rng, n_receivers=len(PLACES)):
+def varied(fired, level, rng, n_receivers):
     """Return factors of holes and their paths that vary by a level, (n_holes, n_receivers, n)."""
     n, size = len(fired.charge), level / np.sqrt(2.0)
     apart = np.linalg.norm(fired.centres[:, None] - fired.centres, axis=-1)

@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from ..project.checks_ground import ModelSummary
     from ..project.project import Project
     from ..signals.comparison import Comparison
-    from ..workflows.diagnose import Prediction
+    from ..workflows.prediction import Prediction
     from ..workflows.run import Outcome
 
 STAGES = {

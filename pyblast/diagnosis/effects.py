@@ -1,4 +1,4 @@
-"""Effects: hypotheses with values, the motion that they change, and predictions with them."""
+"""Effects: hypotheses with values, and the motion that they change."""
 
 from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
@@ -7,31 +7,31 @@ from functools import cached_property
 from itertools import product
 
 import numpy as np
-from scipy import fft
+from scipy import fft, signal
 
-from ..blasts.blast import Blast
 from ..blasts.hole_effects import HoleChange, together
 from ..errors import InputError, contained
 from ..ground.tables import quality_of
 from ..inference.error_model import ErrorModel
 from ..inference.location import Places
+from ..inference.nuisances import law_columns
 from ..inference.parameter import Parameter, set_all
 from ..inference.variation import (
     VARIED,
     Charges,
+    FilteredMotion,
     Filters,
     Learned,
-    FilteredMotion,
     Variation,
-    learned_variation,
     filtered_motion,
+    learned_variation,
     variation,
     with_variation,
 )
-from ..project.places import NEAR, resolved_receivers
 from ..project.project import Project
 from ..project.uncertain_ground import factors_of
 from ..simulation.estimate import cost_of
+from ..simulation.recipe import HARMONICS, sizes_for_band
 from ..simulation.simulation import Simulation
 from ..units import plain_number
 from . import library  # noqa: F401  fills the library
@@ -39,11 +39,10 @@ from .calibration import Baseline, attenuated
 from .case import Case
 from .error import learned_error, with_calibrated
 from .forward import (
+    StoredFields,
     Surroundings,
     holds,
-    hole_motion,
-    secondary_places,
-    simulation_of,
+    stored_fields,
     surroundings,
 )
 from .hypotheses import (
@@ -51,14 +50,13 @@ from .hypotheses import (
     LIBRARY,
     Hypothesis,
     blast_and_hole,
-    pattern_of,
     patterns_of,
     superposed,
 )
-from .thresholds import DEAREST, FEWEST_HOLES, IDEALISED, ORDINARY
+from .thresholds import CARRIED, DEAREST, FEWEST_HOLES, IDEALISED, ORDINARY
 
-FURTHER = "further blast"
 WEAKEST = 0.05  # of the largest in its spectrum: a pulse is not divided by less
+ORDER = 6  # of the low-pass of harmonics
 RUNS, HOLES = "runs", "motion of single holes"  # parts of a diagnosis that may fail
 
 
@@ -120,6 +118,8 @@ class Scene:
         Of the price of all runs.
     others : tuple of Simulation
         Whose runs count, too.
+    fields : StoredFields, optional
+        Of the calibrated ground; made where they are first asked for.
     """
 
     simulation: Simulation
@@ -128,6 +128,7 @@ class Scene:
     failures: dict[frozenset | str, str] = field(default_factory=dict)
     budget: float = np.inf
     others: tuple[Simulation, ...] = ()
+    fields: StoredFields | None = None
     _prices: dict = field(default_factory=dict, repr=False)
     _simulated: dict = field(default_factory=dict, repr=False)
     _corrections: dict = field(default_factory=dict, repr=False)
@@ -150,13 +151,17 @@ class Scene:
 
     @cached_property
     def surroundings(self) -> Surroundings:
-        """Motion around the receivers in the calibrated ground, by one run of each blast."""
+        """Motion around receivers in the calibrated ground, by stored fields or a run per blast."""
+        if self.fields is not None:
+            return self.fields.surroundings
         return surroundings(self.simulation, self.case, self.baseline.project)
 
-    @cached_property
+    @property
     def secondary_places(self) -> tuple[Places, Places]:
         """Cells of the rock and patches of the joints of the calibrated ground, with changes."""
-        return secondary_places(self.simulation, self.case, self.baseline.project)
+        if self.fields is None:
+            self.fields = stored_fields(self.simulation, self.case, self.baseline.project)
+        return self.fields.rock, self.fields.joints
 
     @cached_property
     def charges(self) -> dict[int, Charges]:
@@ -251,7 +256,8 @@ class Scene:
 
         Holes vary around what they send with the effects and with filters that were learned beside
         them. Where effects are not those of instruments, the change of motion by them has an error
-        of `IDEALISED` of its energy; theory.md (12.9), (14.13).
+        of `IDEALISED` of its energy at each record; that of joints that close or slip has as large
+        a one, smooth over frequency, that all records share; theory.md (12.9), (14.13).
 
         Parameters
         ----------
@@ -263,18 +269,21 @@ class Scene:
             By number of the blast.
         """
         error, own = self.error, self.varied
-        if own is not None and (filters is not own.filters or _acting(effects, "holes")):
+        if own is not None and (filters is not own.filters or acting_on(effects, "holes")):
             around = self.variation_beside(effects, filters)
             error = with_variation(error, around, own.levels)
         if all(effect.hypothesis.family == "instrument" for effect in effects):
             return error
         calibrated = np.tensordot(values - self.baseline.values, self.baseline.slopes, 1)
         change = motion - self.baseline.motion - self.filtered(filters).change - calibrated
-        return replace(error, blocks=error.blocks.beside(change, self.case.band, IDEALISED))
+        blocks, nuisances = error.blocks.beside(change, self.case.band, IDEALISED), error.nuisances
+        if not all(effect.hypothesis.linear for effect in effects):
+            nuisances = nuisances + law_columns(change, self.case.band, IDEALISED)
+        return replace(error, blocks=blocks, nuisances=nuisances)
 
     def variation_beside(self, effects: Sequence[Effect], filters) -> Variation:
         """Return the variation of what holes send with effects on them, around filters."""
-        acting = _acting(effects, "holes")
+        acting = acting_on(effects, "holes")
         if self._beside[0] != (acting, id(filters)):
             names, shape = self.case.blasts, self.error.nuisances.columns.shape[1:]
             charges = {
@@ -349,7 +358,7 @@ class Scene:
             If a run without effects fails.
         """
         blasts = tuple(range(len(self.case.blasts)) if blasts is None else blasts)
-        keys = [(tuple(map(float, values)), _acting(effects, "site")) for values, effects in states]
+        keys = [(tuple(map(float, values)), acting_on(each, "site")) for values, each in states]
         known = [key for key in keys if all((key, b) in self._simulated for b in blasts)]
         projects: dict[tuple, Project | None] = {}
         for key in dict.fromkeys(keys):
@@ -443,7 +452,29 @@ class Scene:
                 before = self.baseline.reference[b] - correction
                 band = self.case.band.low, self.case.band.high
                 correction = attenuated(correction, before, motion, self.case.dt, band)
-            self._simulated[key, b] = motion + correction
+            self._simulated[key, b] = self.carried(*key, b, motion + correction)
+
+    def carried(self, values, effects: Sequence[Effect], blasts, motion) -> np.ndarray:
+        """Return motion with effects, without the harmonics that its mesh does not carry.
+
+        What joints that close or slip add above `CARRIED` of the frequency up to which a mesh
+        carries waves is wrong by as much as it is; theory.md (14.13).
+
+        Parameters
+        ----------
+        values : (n_calibrated,) float64
+        effects : sequence of Effect
+        blasts : int or sequence of int
+        motion : (n_blasts, n_receivers, 3, n_samples) float64, m/s
+            Of these blasts.
+        """
+        if all(effect.hypothesis.linear for effect in effects):
+            return motion
+        baseline, case = self.baseline, self.case
+        linear = baseline.reference[blasts] + np.tensordot(values, baseline.slopes[:, blasts], 1)
+        highest = CARRIED * HARMONICS * case.project.config.band_hz[1]
+        sections = signal.butter(ORDER, highest, fs=1.0 / case.dt, output="sos")
+        return linear + signal.sosfiltfilt(sections, motion - linear)
 
     def _mesh_control(self, effects):
         """Return the reference project with the mesh of effects, but without the effects.
@@ -484,7 +515,7 @@ class Scene:
         InputError
             If it is not finite.
         """
-        for effect in _acting(effects, "holes"):
+        for effect in acting_on(effects, "holes"):
             motion = motion + self._by_holes(effect, charges)
         motion = with_motion_effects(self, motion, effects)
         if not np.isfinite(motion).all():
@@ -603,12 +634,12 @@ def with_motion_effects(
     -------
     (n_blasts, n_receivers, 3, n_samples) float64, m/s
     """
-    for effect in _acting(effects, "motion"):
+    for effect in acting_on(effects, "motion"):
         motion = effect.hypothesis.apply(scene, motion, effect.target, **effect.parameters)
     return motion
 
 
-def _acting(effects, on):
+def acting_on(effects, on):
     """Return the effects on site, holes or motion, in the order in which they act.
 
     From source over path and receiver to instrument; within a family in the order of the library.
@@ -625,7 +656,8 @@ def changed_site(
 ) -> Project | None:
     """Return a project with calibrated values and the effects on its site.
 
-    None where effects exclude one another.
+    None where effects exclude one another. Effects that are not linear have a mesh that carries
+    harmonics of the band that is compared, see `Project.for_band`.
 
     Parameters
     ----------
@@ -640,133 +672,15 @@ def changed_site(
     if factors is None:
         factors = factors_of(project) if len(values) else ()
     site = set_all(project, factors, np.exp(values))
-    for effect in _acting(effects, "site"):
+    for effect in acting_on(effects, "site"):
         if site is not None:
             site = effect.hypothesis.apply(site, effect.target, **effect.parameters)
-    return site
-
-
-def predict(
-    case: Case,
-    blast: Blast,
-    values,
-    effects: Sequence[Effect] = (),
-    folder=None,
-) -> np.ndarray:
-    """Predict the motion of a further blast at the receivers of a case, by one run.
-
-    Parameters
-    ----------
-    case : Case
-    blast : Blast
-    values : (n_calibrated,) float
-        Values of a diagnosis.
-    effects : sequence of Effect
-        Effects on the holes of a blast are ignored: they belong to another one. Those of all holes
-        of the site are applied, by the motion of each.
-    folder : path, optional
-        Folder of stored runs.
-
-    Returns
-    -------
-    (n_receivers, 3, n_samples) float64, m/s
-        From the first hole on.
-
-    Raises
-    ------
-    InputError
-        If an effect is impossible in this project.
-    SolverError
-        If the run fails.
-    """
-    simulation, further, project = _further(case, blast, values, effects, folder, finer=True)
-    motion, changes = simulation.motion(project), _changes_of_rows(case, blast, effects)
-    if changes is not None:
-        own = hole_motion(simulation, further, project)[FURTHER]
-        scene = _scene_of_holes(simulation, further, project)
-        motion = motion + scene.change_by_holes(FURTHER, changes, own)
-    received = PredictionScene(simulation, further, project)
-    return with_motion_effects(received, motion, effects)[0]
-
-
-def predicted_charges(
-    case: Case, blast: Blast, values, effects: Sequence[Effect] = (), folder=None
-) -> Charges | None:
-    """Predict the motion of each hole of a further blast on the mesh of the diagnosis.
-
-    Parameters
-    ----------
-    case, blast, values, effects, folder
-        As of `predict`.
-
-    Returns
-    -------
-    Charges or None
-        With the effects on holes of the site; None where holes do not superpose.
-    """
-    simulation, further, project = _further(case, blast, values, effects, folder)
-    own = hole_motion(simulation, further, project).get(FURTHER)
-    if own is None:
-        return None
-    changes = _changes_of_rows(case, blast, effects)
-    if changes is not None:
-        own = _scene_of_holes(simulation, further, project).changed_holes(own, changes)
-    return Charges(own, blast.times - blast.times.min(), blast.centres)
-
-
-def _further(case, blast, values, effects, folder, finer=False):
-    """Return simulation, case and project of a further blast on the site of a diagnosis."""
-    answer = changed_site(case.project, values, effects)
-    if answer is None:
-        named = ", ".join(f"{effect.label} {effect.target}".rstrip() for effect in effects)
-        raise InputError(f"{named}: impossible in this project")
-    reference, project = (with_blast(each, FURTHER, blast) for each in (case.project, answer))
-    further = replace(case, project=reference, blasts=(FURTHER,))
-    return simulation_of(further, folder, finer=finer), further, project
-
-
-def _scene_of_holes(simulation, further, project):
-    """Return the scene of a further blast on which changes of its holes act; nothing is run."""
-    motion = np.zeros((1, *further.motion.shape[1:]))
-    baseline = Baseline(
-        further, (), np.zeros(0), np.zeros((0, 0)), project, motion,
-        np.zeros((0, *motion.shape)), motion, motion, np.ones(motion.shape[:2]),
-    )  # fmt: skip
-    return Scene(simulation, baseline, {})
-
-
-def _changes_of_rows(case, blast, effects):
-    """Return what effects on the holes of the site change of a further blast; None without."""
-    rows = [effect for effect in _acting(effects, "holes") if not effect.target]
-    pattern = pattern_of(case, blast)
-    each = [e.hypothesis.apply(pattern, e.target, **e.parameters) for e in rows]
-    return together(each) if each else None
-
-
-def at_further(case: Case, blast: Blast) -> Case:
-    """Return a case with the receivers at which a further blast is predicted.
-
-    They are those of the case and those that it leaves out near its own holes, where they stand
-    far enough from those of the further blast. Gains and sources that records show are theirs.
-    """
-    table = case.project.config.diagnosis
-    shown = table is not None and (table.source_s is not None or table.trigger_s is not None)
-    near = [name for name, reason in case.unused.items() if reason == NEAR]
-    if not near or shown or case.gain is not None:
-        return case
-    far = resolved_receivers(
-        with_blast(case.project, FURTHER, blast), (*case.receivers, *near), injected=False
-    )
-    chosen = {*case.receivers, *far}
-    names = tuple(r.name for r in case.project.stations if r.name in chosen)
-    return replace(case, receivers=names)
-
-
-def with_blast(project: Project, name: str, blast: Blast) -> Project:
-    """Return a project with a single blast in place of its own."""
-    shot = replace(project.held_shots[0], name=name, fired=blast)
-    survey = replace(project.survey, shots=(shot,), recorded={})
-    return replace(project, survey=survey)
+    band = project.config.band_hz
+    if site is None or band is None or all(each.hypothesis.linear for each in effects):
+        return site
+    if not project.meshed.mesh.hexahedral:
+        return site
+    return site.changed(mesh=sizes_for_band(site.ground, HARMONICS * band[1]))
 
 
 @dataclass(eq=False)

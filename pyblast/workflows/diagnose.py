@@ -9,7 +9,6 @@ from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 from obspy import UTCDateTime
@@ -18,23 +17,16 @@ from ..blasts.hole_tables import read_blast
 from ..diagnosis.calibration import calibrate, taught
 from ..diagnosis.case import Case, case_of
 from ..diagnosis.decision import FINER_MESH, Decision, beside_held_out, decide, undecided
-from ..diagnosis.effects import (
-    HOLES,
-    Scene,
-    at_further,
-    effects_of,
-    predict,
-    predicted_charges,
-)
+from ..diagnosis.effects import HOLES, Scene, effects_of
 from ..diagnosis.fitting import fit_calibrated
-from ..diagnosis.forward import hole_motion, simulation_of
+from ..diagnosis.forward import hole_motion, simulation_of, stored_fields
+from ..diagnosis.hypotheses import LIBRARY
 from ..diagnosis.mistakes import mistakes_of
 from ..diagnosis.search import Search, search
 from ..diagnosis.summary import held_out_blasts, known_so_far, not_computed, summarise_diagnosis
 from ..errors import InputError, ReadError, contained
 from ..files import WHOLE, code_hash, plain, versions, write_bytes, write_summary
 from ..project.level import expected_peaks, level_findings
-from ..inference.variation import DRAWS, ENDS, Scatter, peaks_of_drawn_blasts
 from ..project.places import extent_of
 from ..project.project import Project, load_project, with_further
 from ..recordings.seismic import channel_names, mseed_bytes
@@ -43,6 +35,7 @@ from ..signals.seismogram import Seismogram
 from ..simulation.recipe import BETTER
 from ..simulation.simulation import Simulation
 from . import Interrupted, Progress, Say, numbered_folders, result_folder, silent
+from .prediction import Prediction, at_further, bands_of_peaks, predict, predicted_charges
 
 RESULT = "diagnosis.json"
 REPORT = "report.html"
@@ -71,49 +64,7 @@ class Diagnosis:
     summary: dict
 
 
-class PeakBand(NamedTuple):
-    """Largest peak of a component at a receiver, m/s, and the central 90 % of such blasts.
-
-    Parameters
-    ----------
-    peak : float
-        Of the prediction itself.
-    low, high : float
-        With holes that vary.
-    low_alike, high_alike : float
-        If all holes radiated as their charge says.
-    """
-
-    peak: float
-    low: float
-    high: float
-    low_alike: float
-    high_alike: float
-
-
-class Prediction(NamedTuple):
-    """Prediction of a further blast, beside the motion that is written.
-
-    Parameters
-    ----------
-    low_pass : float or None, Hz
-        Corner of the low-pass of what enters, which a record goes through, too, before it is set
-        beside the prediction (`Seismogram.filtered_like`).
-    holes_percent : float
-        Variation from hole to hole.
-    source : str
-        What that is known by.
-    bands : dict of str to PeakBand
-        By receiver; empty where nothing fires by hole.
-    """
-
-    low_pass: float | None
-    holes_percent: float
-    source: str
-    bands: dict[str, PeakBand]
-
-
-MISTAKES = "mistakes in the records"
+MISTAKES, FIELDS = "mistakes in the records", "fields of shots and receivers"
 
 
 def diagnose(
@@ -264,11 +215,15 @@ def prepared(
     if baseline is None:
         finer, baseline = None, calibrate(case, simulation, None, calibrated)
     progress("holes", 0, 1)
-    holes = {}
-    if not wrong:
+    holes, fields = {}, None
+    if not wrong and any(h.stored and not h.untestable(case) for h in LIBRARY.values()):
+        with contained(failures, FIELDS):
+            fields = stored_fields(simulation, case, baseline.project, progress)
+            holes = fields.holes
+    if not wrong and fields is None:
         with contained(failures, HOLES):
             holes = hole_motion(simulation, case, baseline.project)
-    return Scene(simulation, baseline, holes, failures), finer
+    return Scene(simulation, baseline, holes, failures, fields=fields), finer
 
 
 def _checking(checks, folder, executor, case):
@@ -412,25 +367,8 @@ def predict_file(file, output, summary, holes, path, baseline=False, runs=None):
     source = "priors.holes_percent" if varied is None else "as the records show"
     charges = predicted_charges(case, blast, values, effects, runs or Path(output) / RUNS)
     share = model.get("error_share", 0.0)
-    bands = {} if charges is None else _bands(case, motion, charges, 1e-2 * level, share)
+    bands = {} if charges is None else bands_of_peaks(case, motion, charges, 1e-2 * level, share)
     return Prediction(case.project.shot.low_pass, level, source, bands)
-
-
-def _bands(case, motion, charges, level, share):
-    """Return the largest peak of a component at each receiver, with its 90 % bands."""
-    priors, peaks = case.project.config.priors, np.abs(motion).max(axis=(1, 2))
-    rest = 1e-3 * priors.firing_ms, 1e-2 * priors.amplitude_percent, share
-    planned, with_holes, without = (
-        peaks_of_drawn_blasts(charges, case.band, scatter, n_draws).max(axis=-1)
-        for scatter, n_draws in (
-            (Scatter(0.0, 0.0), 1), (Scatter(level, *rest), DRAWS), (Scatter(0.0, *rest), DRAWS)
-        )
-    )  # fmt: skip
-    ends = [peaks / planned[0] * np.quantile(each, ENDS, axis=0) for each in (with_holes, without)]
-    return {
-        name: PeakBand(float(peak), *own.tolist())
-        for name, peak, own in zip(case.receivers, peaks, np.concatenate(ends).T, strict=True)
-    }
 
 
 def check_further(file, holes, outputs=(), out=None):
