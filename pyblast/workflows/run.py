@@ -103,7 +103,6 @@ class Outcome:
     result: Result
 
 
-
 class SuperposedBands(NamedTuple):
     """Central 90 % of the peaks of a superposed blast whose holes vary, (2, 3) m/s.
 

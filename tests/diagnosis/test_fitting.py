@@ -27,7 +27,8 @@ def fitter(thickest, thinnest=0.0):
     baseline = SimpleNamespace(sigma=np.zeros(0), slopes=np.zeros((0,)))
     scene = SimpleNamespace(
         filters={}, filtered=lambda _: FilteredMotion(0.0, {}), case=None, baseline=baseline,
-        error=None, simulate=simulate, received=lambda motion, *_: motion, contained=lambda _: nullcontext(),
+        error=None, simulate=simulate, received=lambda motion, *_: motion,
+        contained=lambda _: nullcontext(),
     )  # fmt: skip
     return Fitter(scene, (Effect("soft_surface_layer", "", ((7.0,), (0.4,))),), np.zeros(0))
 
