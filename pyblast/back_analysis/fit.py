@@ -503,11 +503,12 @@ class Fitter:
         (12.6), (12.9).
         """
         records, band = self.compared, self.compared.band
-        charges = {
-            b: charges_of(state.motion[b], fired, self.blasts[b].blast.centres, records.dt)
-            for b, fired in enumerate(firings)
-            if fired is not None and np.count_nonzero(fired.weights) >= FEWEST
-        }
+        charges, blasts = {}, [blast.blast for blast in self.blasts]
+        for b, (fired, own) in enumerate(zip(firings, blasts, strict=True)):
+            if fired is None or own is None:
+                continue
+            if np.count_nonzero(fired.weights) >= FEWEST:
+                charges[b] = charges_of(state.motion[b], fired, own.centres, records.dt)
         if not charges:
             return replace(error, levels=error.levels._replace(holes=(0.0,))), residual
         filters = no_filters(charges)

@@ -62,7 +62,15 @@ class Filters:
     paths: np.ndarray
 
 
-def log_filters(band: Band, n: int, size: int) -> np.ndarray:
+class Span(NamedTuple):
+    """Span of frequencies: a band without its functions; Hz, and s between samples."""
+
+    low: float
+    high: float
+    dt: float
+
+
+def log_filters(band: Band | Span, n: int, size: int) -> np.ndarray:
     """Return the logarithms of five smooth filters, (5, n_frequencies) complex128.
 
     Three cosines over log frequency in phase, two out of phase with half the amplitude. The log
@@ -394,14 +402,6 @@ def charges_of(motion: np.ndarray, fired: Firings, places: np.ndarray, dt: float
         for start, part in hole_parts(motion, fired, omega, size)
     ])  # fmt: skip
     return Charges(own, fired.times, places)
-
-
-class Span(NamedTuple):
-    """Span of frequencies: a band without its functions; Hz, and s between samples."""
-
-    low: float
-    high: float
-    dt: float
 
 
 class Scatter(NamedTuple):
