@@ -130,6 +130,7 @@ class Scene:
     others: tuple[Simulation, ...] = ()
     fields: StoredFields | None = None
     _prices: dict = field(default_factory=dict, repr=False)
+    _paid: dict = field(default_factory=dict, repr=False)
     _simulated: dict = field(default_factory=dict, repr=False)
     _corrections: dict = field(default_factory=dict, repr=False)
     _impossible: set = field(default_factory=set, repr=False)
@@ -364,7 +365,7 @@ class Scene:
         for key in dict.fromkeys(keys):
             if key not in known and key not in self._impossible:
                 with self.contained(key[1]):
-                    self._refuse_dear(self.price(*key), 1)
+                    self._refuse_dear(self.price(*key), 1, key[1])
                     projects[key] = self.project(*key)
         possible = [key for key, project in projects.items() if project is not None]
         together = 1 if self.simulation.executor is None else max(len(possible), 1)  # models held
@@ -400,18 +401,20 @@ class Scene:
             if (shape, b) not in self._corrections and (shape, b) not in controls
         }
         for state in list(states.values())[:1]:  # blasts and controls share its ground
-            self._refuse_dear(self._priced_on_mesh(state), len(states) + len(own))
+            self._refuse_dear(self._priced_on_mesh(state), len(states) + len(own), key[1])
         for state in (*states.values(), *own.values()):
             self.simulation.model(state)  # raises where it can't be built
         controls.update(own)
         return states, shape
 
-    def _refuse_dear(self, seconds, number):
+    def _refuse_dear(self, seconds, number, effects):
         """Refuse a number of runs of a price if they take too much of what the budget leaves.
 
-        That is more than `DEAREST` of it, and than `ORDINARY` times runs of the reference.
+        That is more than `DEAREST` of it, and than `ORDINARY` times runs of the reference, or those
+        made of an effect before: a fit that was begun is ended.
         """
-        ordinary = ORDINARY * self._priced_on_mesh(self._reference)
+        paid = [self._paid.get(effect.where, 0.0) for effect in effects]
+        ordinary = ORDINARY * max(self._priced_on_mesh(self._reference), *paid)
         most = max(DEAREST * (self.budget - self.spent), number * ordinary)
         if number * seconds > most:
             raise InputError(
@@ -444,6 +447,10 @@ class Scene:
         required = {(key, b): state for key, (own, _) in built.items() for b, state in own.items()}
         blasts = [self.case.blasts[b] for _, b in (*required, *controls)]
         done = self.simulation.simulate([*required.values(), *controls.values()], blasts)
+        for (key, _), state in required.items():
+            for effect in key[1]:
+                paid = self._paid.get(effect.where, 0.0)
+                self._paid[effect.where] = max(paid, self.price(*key), self._priced_on_mesh(state))
         for mesh, motion in zip(controls, done[len(required) :], strict=True):
             self._corrections[mesh] = self.baseline.reference[mesh[1]] - motion
         for (key, b), motion in zip(required, done[: len(required)], strict=True):
