@@ -18,6 +18,7 @@ from pyblast.diagnosis.fitting import fit
 from pyblast.diagnosis.search import Search
 from pyblast.diagnosis.summary import diagnosis_lines, summarise_diagnosis, suspected_misfires
 from pyblast.diagnosis.thresholds import DECISIVE, REMAINS
+from pyblast.inference.variation import FilteredMotion
 from pyblast.report.diagnosis import (
     claims,
     detection_limit_rows,
@@ -151,10 +152,10 @@ def test_what_a_hole_radiates_is_its_scale_times_its_learned_variation():
     motion = np.random.default_rng(1).normal(size=(3, *scene.holes["B1"].shape[1:]))
     scene.holes = scene.holes | {"B1": motion}
     at = scene.case.blasts.index("B1")
-    around = SimpleNamespace(charges={at: factors[:, None, None, None] * motion})
+    own = FilteredMotion(0.0, {at: factors[:, None, None, None] * motion})
     assert suspected_misfires(decision, scene) == []
 
-    vars(scene)["varied"] = SimpleNamespace(around=around)
+    vars(scene)["varied"] = SimpleNamespace(filtered=own)
 
     assert scene.radiated("B1") == pytest.approx(factors)
     (row,) = suspected_misfires(decision, scene)
