@@ -381,6 +381,18 @@ def test_what_is_unknown_though_the_misfit_is_small_says_why(deviation, said):
     assert said in text
 
 
+def test_an_unknown_that_a_body_beats_says_by_how_much():
+    found, summary = made("UNKNOWN")
+    tested = {"improves": True, "subsets": [{}]}
+    evidence = summary["evidence"] | {"ranking": [{}], "best_labels": ["clock_error"]}
+    evidence |= {"open_set": 0.7}
+    fails = ["a change of the rock at one place alone has the Δ ln evidence 90, clock_error 40"]
+
+    said = lead(found, summary | {"held_out": tested, "evidence": evidence, "fails": fails})
+
+    assert f"the cause is outside of the library: {fails[0]}" in said
+
+
 def test_an_unknown_says_first_what_was_not_asked_and_how_its_residual_runs():
     found, summary = made("UNKNOWN")
     why = "the project has [air_blast], and every run has it"
