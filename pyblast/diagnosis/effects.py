@@ -414,7 +414,7 @@ class Scene:
         made of an effect before: a fit that was begun is ended.
         """
         paid = [self._paid.get(effect.where, 0.0) for effect in effects]
-        ordinary = ORDINARY * max(self._priced_on_mesh(self._reference), *paid)
+        ordinary = ORDINARY * max([self._priced_on_mesh(self._reference), *paid])
         most = max(DEAREST * (self.budget - self.spent), number * ordinary)
         if number * seconds > most:
             raise InputError(
