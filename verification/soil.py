@@ -4,9 +4,11 @@
 
 A horizontal couple stands under the soil; two receivers stand on it, one nearer. Each ground is
 run as `pyblast run` meshes it and compared with plane waves of a layered half space, integrated
-over wavenumbers, which shares no line with the program. The cost is nodes times steps over those of
-the same box of rock. Soil that S waves cross in more than a period is priced alone. Writes the rows
-that ``verification/soil.json`` lacks and the table of docs/quality/verification.md; ``--page``
+over wavenumbers, which shares no line with the program. On a slope the half space is tilted with
+it; a bench and a trench have no closed form and are compared with a mesh that carries half as much
+again. The cost is nodes times steps over those of the same ground of rock. Soil that S waves cross
+in more than a period is priced alone. Writes the rows that ``verification/soil.json`` lacks and the
+table of docs/quality/verification.md; ``--page``
 writes the table alone.
 """
 
@@ -29,6 +31,10 @@ PAGE = Path(__file__).resolve().parents[1] / "docs" / "quality" / "verification.
 BEGIN, END = "<!-- soil: from verification/soil.json -->", "<!-- end of soil -->"
 SIDES = ["west", "east", "south", "north", "bottom"]
 BELL, TOP, FREQUENCY = Bell(20.0), 80.0, 60.0  # Hz; where the bell ends; of the mesh
+FINER = 1.5  # frequency of the mesh that stands for a closed form
+RISE = 0.2  # of the slope, to the east
+SLOPE, BENCH, TRENCH = "on a slope of 1 in 5", "on a bench of 10 m", "in a trench of 20 m"
+CREST, SIDE = 80.0, [38.0, 58.0]  # m, to the east of the source
 ROCK = {"density_kg_per_m3": 2600.0, "cp_m_per_s": 4300.0, "cs_m_per_s": 2500.0, "qp": 100.0,
         "qs": 50.0, "quality_band_hz": [3.0, 100.0]}  # fmt: skip
 
@@ -46,7 +52,9 @@ class Ground:
     below : float, m
         Of the source under the soil.
     away : tuple of 2 (float, float), m
-        Horizontal places of the nearer and the farther receiver beside the source.
+        Horizontal places of the nearer and the farther receiver beside the source, along a slope.
+    where : str
+        On what other than level rock.
     """
 
     height: float
@@ -54,18 +62,32 @@ class Ground:
     quality: float
     below: float = 18.0
     away: tuple[tuple[float, float], ...] = ((48.0, -4.0), (120.0, 50.0))
+    where: str = ""
 
     def __str__(self) -> str:
         """Return its name."""
         far = "" if self.away == Ground.away else ", receivers at {:.0f} and {:.0f} m".format(
             *np.hypot(*np.transpose(self.away))
         )  # fmt: skip
+        far += f", {self.where}" if self.where else ""
         return f"{self.height:g} m, contrast {self.contrast:g}, Q {self.quality:g}{far}"
 
     @property
     def periods(self) -> float:
         """Periods of the highest frequency in which S waves cross the soil."""
         return FREQUENCY * self.height * self.contrast / ROCK["cs_m_per_s"]
+
+    @property
+    def axes(self) -> np.ndarray:
+        """Directions (3, 3) along the ground, level across it and out of it."""
+        tilt = np.arctan(RISE) if self.where == SLOPE else 0.0
+        along, out = [np.cos(tilt), 0.0, np.sin(tilt)], [-np.sin(tilt), 0.0, np.cos(tilt)]
+        return np.array([along, [0.0, 1.0, 0.0], out])
+
+    @property
+    def depth(self) -> float:
+        """Thickness in m at right angles to the ground."""
+        return self.height * self.axes[2, 2]
 
 
 GROUNDS = {
@@ -77,6 +99,9 @@ GROUNDS = {
         )),
         Ground(2.0, 10, 10, away=((80.0, 20.0), (128.0, 55.0))),
         Ground(2.0, 10, 15, below=6.0, away=((280.0, 15.0), (446.0, 55.0))),
+        *(Ground(height, 10, 20, where=where) for height, where in (
+            (1.0, SLOPE), (2.0, SLOPE), (0.5, BENCH), (0.5, TRENCH),
+        )),
     )
 }  # fmt: skip
 
@@ -88,29 +113,46 @@ def soil_of(contrast, quality):
             "qp": float(quality), "qs": float(quality)}  # fmt: skip
 
 
-def project(folder, ground, bare=False):
-    """Return the project of a ground, or of the rock alone."""
+def project(folder, ground, bare=False, frequency=FREQUENCY):
+    """Return the project of a ground, or of the rock alone, whose mesh carries a frequency."""
     times = np.arange(0.0, 2.0 * BELL.peak, 5e-4)
     lines = "".join(f"{t:.4f},{1e9 * v:.9g}\n" for t, v in zip(times, BELL(times), strict=True))
     (Path(folder) / "rate.csv").write_text("time_s,moment_rate_Nm_per_s\n" + lines)
-    layers, materials = [{"material": "rock"}], {"rock": ROCK}
-    if not bare:
-        layers = [{"material": "soil", "thickness_m": ground.height}, *layers]
-        materials = {"rock": ROCK, "soil": soil_of(ground.contrast, ground.quality)}
+    materials = {"rock": ROCK, "soil": soil_of(ground.contrast, ground.quality)}
     far = 30.0 * np.ceil(np.hypot(*ground.away[1]) / 30.0)
+    (along, across, out), depth = ground.axes, ground.depth + ground.below
+    places = [a * along + b * across for a, b in ground.away]
     tables = {
         "title": "Soil on rock",
         "mesh": {"origin_m": [-60.0, -60.0, -90.0], "size_m": [far + 120.0, 120.0, 90.0],
-                 "frequency_hz": FREQUENCY, "layers": layers},
-        "materials": materials,
+                 "frequency_hz": frequency, **ground_of(folder, ground, bare, far)},
+        "materials": materials if not bare else {"rock": ROCK},
         "boundaries": {"viscous": SIDES, "free": ["top"]},
-        "moment_tensors": [{"position_m": [0.0, 0.0, -ground.height - ground.below],
-                            "file": "rate.csv", "tensor": [0.0, 0.0, 0.0, 0.0, 0.0, 1.0]}],
-        "receivers": [{"name": name, "position_m": [*at, 0.0]}
-                      for name, at in zip(("near", "far"), ground.away, strict=True)],
+        "moment_tensors": [{"position_m": (-depth * out).tolist(), "file": "rate.csv",
+                            "tensor": [0.0, 0.0, 0.0, along[2], 0.0, along[0]]}],
+        "receivers": [{"name": name, "position_m": at[:2 if ground.where == BENCH else 3].tolist()}
+                      for name, at in zip(("near", "far"), places, strict=True)],
         "run": {"duration_s": 0.35},
     }  # fmt: skip
     return Project.from_dict(tables, folder)
+
+
+def ground_of(folder, ground, bare, far):
+    """Return the keys of what lies on the rock, and of its surface."""
+    soil, keys = {"material": "soil", "thickness_m": ground.height}, {}
+    if ground.where == SLOPE:
+        x, y = (each.ravel() for each in np.meshgrid(*(np.linspace(-60.0, far + 60.0, 37),) * 2))
+        rows = np.column_stack([x, y, RISE * x])
+        np.savetxt(Path(folder) / "top.csv", rows, delimiter=",", header="x_m,y_m,z_m", comments="")
+        soil["follows_surface"], keys = True, {"surface_file": "top.csv"}
+    if ground.where == BENCH:
+        crest = [[CREST, -60.0, 0.0], [CREST, 60.0, 0.0]]
+        keys = {"benches": [{"crest_m": crest, "height_m": 10.0, "face_dip_deg": 75.0}]}
+    if ground.where == TRENCH and not bare:
+        box = [SIDE, [-60.0, 60.0], [-ground.height, 0.0]]
+        keys = {"fills": [{"material": "soil", "box_m": box}]}
+    over = [] if bare or ground.where == TRENCH else [soil]
+    return {**keys, "layers": [*over, {"material": "rock"}]}
 
 
 def measured(name):
@@ -123,8 +165,7 @@ def measured(name):
             return {"periods": ground.periods, "cost": round(cost, 1),
                     "minutes": round(own.cost.seconds / 60.0, 1)}  # fmt: skip
         bare, built, run = summarise_model(bare), summarise_model(own), own.simulate()
-        beds = [Bed.of(ground.height, own.materials["soil"]),
-                Bed.of(np.inf, own.materials["rock"])]  # fmt: skip
+        wanted = motions(folder, ground, own, run)
     row = {
         "periods": round(ground.periods, 3),
         "elements": built.elements.split(",")[0], "nodes": built.nodes, "steps": built.steps,
@@ -132,18 +173,33 @@ def measured(name):
         "cost": round(built.nodes * built.steps / (bare.nodes * bare.steps), 2),
         "wall_s": round(run.wall_seconds, 1),
     }  # fmt: skip
-    for receiver in own.receivers:
-        record = run.seismograms[receiver.name]
-        wanted = 1e9 * strike_slip_motion(
-            beds, ground.height + ground.below, receiver.position[:2], record.times, BELL, TOP
-        )
-        peaks = [np.linalg.norm(each, axis=1).max() for each in (record.velocity, wanted)]
-        row[receiver.name] = {
-            "waveform": round(float(np.linalg.norm(record.velocity - wanted)
-                                    / np.linalg.norm(wanted)), 4),
+    for name, motion in wanted.items():
+        velocity = run.seismograms[name].velocity
+        peaks = [np.linalg.norm(each, axis=1).max() for each in (velocity, motion)]
+        row[name] = {
+            "waveform": round(float(np.linalg.norm(velocity - motion)
+                                    / np.linalg.norm(motion)), 4),
             "peak": round(float(peaks[0] / peaks[1] - 1.0), 4),
         }  # fmt: skip
     return row
+
+
+def motions(folder, ground, own, run):
+    """Return the motions (n, 3) in m/s at the times of a run, exact or of a finer mesh."""
+    records = {receiver.name: run.seismograms[receiver.name] for receiver in own.receivers}
+    if ground.where in (BENCH, TRENCH):
+        finer = project(folder, ground, frequency=FINER * FREQUENCY).simulate().seismograms
+        return {
+            name: np.column_stack([np.interp(record.times, finer[name].times, part)
+                                   for part in finer[name].velocity.T])
+            for name, record in records.items()
+        }  # fmt: skip
+    beds = [Bed.of(ground.depth, own.materials["soil"]), Bed.of(np.inf, own.materials["rock"])]
+    depth = ground.depth + ground.below
+    return {
+        name: 1e9 * strike_slip_motion(beds, depth, away, record.times, BELL, TOP) @ ground.axes
+        for (name, record), away in zip(records.items(), ground.away, strict=True)
+    }
 
 
 def table(rows):

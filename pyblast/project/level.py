@@ -3,6 +3,7 @@
 import math
 from collections.abc import Iterable
 from dataclasses import replace
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -230,10 +231,12 @@ def on_crest(benches, position) -> bool:
     return False
 
 
-def expected_peaks(project: Project) -> list[Peak]:
+@lru_cache(1)
+def expected_peaks(project: Project) -> tuple[Peak, ...]:
     """Return peaks that are known before a run: recorded, of the input, of holes inside.
 
-    No mesh is made: a receiver without height stands as high as the highest collar.
+    No mesh is made: a receiver without height stands as high as the highest collar. Those of the
+    last project are kept: the command line and its checks ask for the same.
     """
     config = project.config
     peaks = input_peaks(project)
@@ -256,7 +259,7 @@ def expected_peaks(project: Project) -> list[Peak]:
                     predicted=predicted_peak(project, position),
                 )
             )  # fmt: skip
-    return peaks
+    return tuple(peaks)
 
 
 def input_peaks(project: Project) -> list[Peak]:

@@ -16,7 +16,12 @@ from ..model.material import ConstantQ
 from ..model.source import Column, Hole, MomentTensor, PointForce
 from ..recordings.tables import LOW_PASSED, instrument_table
 from ..signals.seismogram import Named, Seismogram, ZeroPhase
-from ..signals.spectra import dominant_frequency, significant_duration, zero_crossing_frequency
+from ..signals.spectra import (
+    dominant_frequency,
+    late_energy,
+    significant_duration,
+    zero_crossing_frequency,
+)
 from ..solver.injection import injected_sources
 from ..solver.model_file import read_arrays, write_arrays
 from ..solver.moment_density import source_radii
@@ -394,6 +399,7 @@ def motion_table(seismogram, band=None):
         "frequency_definition": dominant.definition,
         "zero_crossing_frequency": crossing.hz,
         "duration": significant_duration(seismogram),
+        "late_energy": late_energy(seismogram),
     }
 
 

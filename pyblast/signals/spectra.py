@@ -253,6 +253,19 @@ def significant_duration(
     return duration
 
 
+def late_energy(seismogram: Seismogram, after: float = 1.0) -> np.ndarray:
+    """Return the share of the energy of each component that comes after a time in s, (3,).
+
+    NaN for a missing or silent component, and where the record ends earlier: the waves that
+    a site holds back count for comfort and fatigue though not for the peak.
+    """
+    late, share = seismogram.times > after, np.full(3, np.nan)
+    energy = (seismogram.velocity**2).sum(axis=0)
+    known = seismogram.present & (energy > 0.0) & late.any()
+    share[known] = (seismogram.velocity[late] ** 2).sum(axis=0)[known] / energy[known]
+    return share
+
+
 def lowpass(seismogram: Seismogram, corner: float = LOW_PASS) -> LowPassed:
     """Low-pass what a source does, and measure the removed energy and the change of PPV.
 

@@ -12,8 +12,9 @@ from ..errors import Finding
 from ..ground.ground import Ground
 from ..ground.tables import mean_edge
 from ..mesh.grid import layer_limits
-from ..mesh.hexahedral.mapped import grid_lines, is_plain
+from ..mesh.hexahedral.mapped import grid_lines, in_a_grid, is_plain, layer_cells, least_edge
 from ..mesh.hexahedral.planes import NotMapped
+from ..mesh.hexahedral.subdivided import TWICE
 from ..mesh.quality import ZONES_PER_CUBE, available
 from ..model.model import Model
 from ..signals.seismogram import Seismogram
@@ -31,6 +32,7 @@ from ..solver.line_implicit import (
 from ..units import in_minutes, plain_number
 from .accuracy import held_shares
 from .recipe import (
+    CUT,
     ORDER,
     ORDERS,
     Stations,
@@ -56,6 +58,7 @@ SHORTEST = {"linear": 0.16, "quadratic": 0.075}  # step over the time of a P wav
 PER_CELL, OF_GRID = 6.0, 2.3  # tetrahedra in a cell of a grid; their step over that of others
 MOST_LINES = 2000  # of a grid along an axis; of finer ones every so many is counted
 MOST_PLANES = 200  # of joint sets that are placed one by one
+SLIVERS = 7.5  # step of cubes over that of hexahedra that are cut out of tetrahedra of their edges
 SAFE = 0.95  # step over its bound, which waves in soil alone may miss by some per cent
 HALVINGS = 10  # of the range in which a frequency is looked for
 LOWEST = 0.03  # of the frequency, or of one over the edges: the least that is offered
@@ -203,9 +206,35 @@ def estimate(
     order = ground.mesh.order
     if order is None and is_plain(ground.geometry) and not thin_layers(ground, stations):
         order = ORDER
+    if not in_a_grid(ground.geometry, layer_sizes(ground, stations, ORDERS[0])):
+        return _of_cut(ground, stations, duration, step_factors[True])
     orders = range(stations.lowest_order, max(ORDERS) + 2) if order is None else [order]
     costs = [_of_hexahedra(ground, stations, n, duration, step_factors[True]) for n in orders]
     return min(costs, key=lambda cost: cost.seconds)
+
+
+def _of_cut(ground, stations, duration, step_factor):
+    """Return the cost of a run on hexahedra that are cut out of tetrahedra."""
+    order = ground.mesh.order or ORDERS[0]
+    sizes, geometry = layer_sizes(ground, stations, order), ground.geometry
+    thick, names = np.diff(-geometry.limits), [part.name for part in geometry.layers]
+    rocks = [ground.materials[name] for name in names]
+    wide = np.array([least_edge([size], thick[k : k + 1]) for k, size in enumerate(sizes)])
+    high = np.minimum(wide, thick / TWICE)
+    around = TWICE * layer_cells(order) * wide.min()  # of the absorbing layer, on both sides
+    area = np.prod(np.ptp(geometry.box[:2], axis=1) + around)
+    zones = 4.0 * ZONES_PER_CUBE * area * thick / (TWICE**3 * wide**2 * high)
+    steps = steps_of_gradients(
+        2.0 / np.column_stack([wide, wide, high]), moduli_of(rocks),
+        np.array([rock.density for rock in rocks]), order,
+    )  # fmt: skip
+    total, dt = float(zones.sum()), step_factor * float(steps[0].min()) / SLIVERS
+    relaxing = float(zones @ [bool(rock.law.branches) for rock in rocks]) / total
+    inner = np.prod(np.ptp(geometry.box[:2], axis=1)) / area
+    counts = _Counts(order, total, total * order**3, 0.0, relaxing, 1.0 - inner, 0.0)
+    rates = {branch.rate for rock in rocks for branch in rock.law.branches}
+    cost = _cost(counts, stations, duration / dt, len(rates), names, zones / total)
+    return replace(cost, elements=f"{cost.elements} {CUT}")
 
 
 def _of_hexahedra(ground, stations, order, duration, step_factor):
@@ -383,6 +412,11 @@ def beyond_budget(
     obstacle = obstacle_to_hexahedra(ground)
     if obstacle is not None and mesh.kind == "auto":
         why += f"It has tetrahedra, since {obstacle}. "
+    if CUT in cost.elements:
+        why += (
+            "A grid would serve benches whose lines are straight, level and parallel, or a surface "
+            "of places in place of triangles. "
+        )
     return Finding(
         "D49",
         "The run is beyond its budget",

@@ -99,13 +99,13 @@ class JointObserver:
         laws = list(JOINT_LAWS.values())
         self.slides = np.array([law.state[:4] == SLIPS for law in laws])[self.law]
         self.opens = of_laws(JOINT_LAWS, self.law, "opens")
-        other = {joint.surface: joint for joint in weakest or self.joints}
-        variants = [self.joints, [other[joint.surface] for joint in self.joints]]
+        other = {joint.surface: joint for joint in weakest or ()}
+        variants = [self.joints] + ([[other[j.surface] for j in self.joints]] if weakest else [])
         self.strengths = [_strengths(variant, self.constants) for variant in variants]
         self.followed = followed
         n, samples = len(self.number), prepared.n_steps // self.every + 1
         self.records = {
-            "margin": np.full((2, n), np.inf), "largest_slip": np.zeros(n),
+            "margin": np.full((len(variants), n), np.inf), "largest_slip": np.zeros(n),
             "slip_step": np.zeros(n), "largest_opening": np.zeros(n),
             "history": np.zeros((samples, max(1, len(self.joints)), len(HISTORY))),
             "followed": np.zeros((samples, max(1, len(followed)), 3)),
@@ -189,7 +189,7 @@ class JointObserver:
                 whole = here & ~had
                 # Where nothing moves no factor is finite; contacts that failed before are left out.
                 margins = self.records["margin"]
-                first = [float(np.min(row[whole], initial=np.inf)) for row in margins]
+                first = [float(np.min(margins[k][whole], initial=np.inf)) for k in (0, -1)]
                 counts = (int(np.count_nonzero(mask)) for mask in (here, here & had, here & has))
                 strengths[joint.surface] = JointSlip(*counts, *first)
         return strengths
@@ -261,8 +261,10 @@ def slip_factors(initial, change, normal, cohesion, friction, tension):
     added = change - blast[:, None] * normal
     with np.errstate(divide="ignore", invalid="ignore"):
         opens = np.where(blast > 0.0, (tension - rest) / blast, np.inf)
-    pressed = _roots(shear, added, cohesion - rest * friction, friction * blast)
-    free = _roots(shear, added, cohesion, 0.0)
+    pairs = (shear, shear), (shear, added), (added, added)
+    products = [np.sum(np.multiply(*pair), axis=1) for pair in pairs]
+    pressed = _roots(*products, cohesion - rest * friction, friction * blast)
+    free = _roots(*products, cohesion, 0.0)
     tolerance = ROUNDING * np.abs(rest)
     with np.errstate(invalid="ignore"):
         valid = np.stack([rest + pressed * blast <= tolerance, rest + free * blast >= -tolerance])
@@ -273,12 +275,15 @@ def slip_factors(initial, change, normal, cohesion, friction, tension):
     return np.where(weak | (rest >= tension), 0.0, np.fmin(slips, opens))
 
 
-def _roots(shear, added, strength, loss):
-    """Return both m > 0 with ``|shear + m added| = |strength - m loss|``, (2, n); else infinite."""
+def _roots(of_shear, of_both, of_added, strength, loss):
+    """Return both m > 0 with ``|shear + m added| = |strength - m loss|``, (2, n); else infinite.
+
+    From the products of both vectors with themselves and with each other, (n,) each.
+    """
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        a = np.sum(added**2, axis=1) - loss**2
-        b = np.sum(shear * added, axis=1) + loss * strength
-        q = np.sum(shear**2, axis=1) - strength**2
+        a = of_added - loss**2
+        b = of_both + loss * strength
+        q = of_shear - strength**2
         far = -b - np.copysign(np.sqrt(b**2 - a * q), b)
         roots = np.stack([far / a, q / far])
         return np.where(roots > 0.0, roots, np.inf)

@@ -367,14 +367,16 @@ def result_tables(summary: dict) -> dict[str, str]:
     """
     heads = (
         "receiver", "motion", "component", "x_m", "y_m", "z_m", "ppv_mm_per_s",
-        "dominant_frequency_hz", "zero_crossing_frequency_hz", "duration_s", "vector_sum_mm_per_s",
-        "expected_error", "expected_peak_error", "cause_of_error",
+        "dominant_frequency_hz", "zero_crossing_frequency_hz", "duration_s",
+        "energy_after_1_s_percent", "vector_sum_mm_per_s", "expected_error", "expected_peak_error",
+        "cause_of_error",
     )  # fmt: skip
     receivers = [
         [
             name, kind, component, *table["position"], _times(1e3, motion["ppv"][n]),
             motion["dominant_frequency"][n], motion["zero_crossing_frequency"][n],
-            motion["duration"][n], _times(1e3, motion["pvs"]),
+            motion["duration"][n], _times(100.0, motion["late_energy"][n]),
+            _times(1e3, motion["pvs"]),
             *(table["expected_error"][key] if kind == "simulated" else None
               for key in ("waveform", "peak", "cause")),
         ]

@@ -12,6 +12,7 @@ from pyblast.mesh.mesh import outer_faces, zone_volumes
 from pyblast.model.terrain import Bench, bench_triangles, toe_of
 
 BOX = np.array([[0.0, 200.0], [0.0, 120.0], [-60.0, 0.0]])
+ROCK = (Layer("rock"),)
 OPEN = ("west", "east", "south", "north", "bottom")
 
 
@@ -19,12 +20,14 @@ def bench(x, height=0.0, dip=70.0, drop=10.0, bearing=0.0, bend=0.0):
     """Return a bench whose crest passes (x, 60) along a bearing, the lower ground to the east."""
     along = np.array([np.sin(np.radians(bearing)), np.cos(np.radians(bearing)), 0.0])
     middle = np.array([x, 60.0, height])
-    crest = np.array([middle - 200.0 * along, middle + [bend, 0.0, 0.0], middle + 200.0 * along])
+    crest = np.array(
+        [middle - 200.0 * along, middle + np.array([bend, 0.0, 0.0]), middle + 200.0 * along]
+    )
     crest = crest if bend else crest[::2]
     return Bench(crest, toe_of(crest, drop, np.radians(dip)))
 
 
-def ground(benches, layers=(Layer("rock"),), faults=(), sets=(), open_sides=OPEN):
+def ground(benches, layers=ROCK, faults=(), sets=(), open_sides=OPEN):
     return Geometry(
         BOX, tuple(layers), tuple(sets), tuple(faults), bench_triangles(benches, BOX),
         frozenset(SIDES) - set(open_sides), tuple((each.crest, each.toe) for each in benches),
@@ -42,6 +45,12 @@ GROUNDS = {
     "oblique": [bench(100.0, bearing=20.0)],
     "under the top": [bench(90.0, height=-5.0)],
 }
+
+
+def test_lines_that_waver_within_a_fiftieth_of_a_wave_are_straight():
+    geometry = ground([bench(80.0, bend=1.0)])
+
+    assert [str(row) for row in as_built(built(geometry), geometry, 60.0) if not row.good] == []
 
 
 @pytest.mark.parametrize("name", GROUNDS)
@@ -129,7 +138,7 @@ def test_a_fill_is_built_as_asked(name):
     assert inside.all() or sides
     thinner = Geometry(
         BOX, geometry.layers, surface=top, standing=geometry.standing, benches=geometry.benches,
-        fills=(Fill("fill", fill.box + [[0.0, 0.0], [0.0, 0.0], [0.3, 0.0]]),),
+        fills=(Fill("fill", fill.box + np.outer([0.0, 0.0, 0.3], [1.0, 0.0])),),
     )  # fmt: skip
     wrong = {row.quantity for row in as_built(mesh, thinner, 60.0) if not row.good}
     assert wrong == {"volume, m3"}

@@ -122,7 +122,7 @@ def test_joints_cut_all_layers_that_follow_a_surface_or_none():
 def test_a_plane_that_reaches_into_layers_that_follow_a_surface_is_refused():
     flat = fault(0, 0, (0.0, 0.0, -14.4), "J")
 
-    with pytest.raises(NotMapped, match="4.5 m of layers that follow it"):
+    with pytest.raises(NotMapped, match=r"4\.5 m of layers that follow it"):
         built(FOLLOWING, faults=[flat], surface=slope() - [0.0, 0.0, 10.0])
 
 

@@ -109,7 +109,7 @@ def test_forces_alone_have_no_range(tmp_path):
     project = load_project(written(tmp_path, text=head + force + tail))
 
     assert plausible_at(project, HOUSE) is None
-    assert expected_peaks(project) == []
+    assert expected_peaks(project) == ()
 
 
 def test_a_level_by_a_law_is_the_one_of_the_law_before_the_run(tmp_path):

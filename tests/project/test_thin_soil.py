@@ -125,7 +125,7 @@ KINDS = ["survey", "hill", "bench", "fault", "joints below"]
 @pytest.mark.parametrize("thickness", [0.5, 2.0])
 def test_soil_that_follows_a_hill_costs_at_most_twice_its_rock(tmp_path, thickness):
     soil = {"material": "soil", "thickness_m": thickness, "follows_surface": True}
-    top = survey(tmp_path, lambda x, y: 20.0 * np.exp(-(((x - 180.0) / 90.0) ** 2)), (360.0, 120.0))
+    top = survey(tmp_path, lambda x, _: 20.0 * np.exp(-(((x - 180.0) / 90.0) ** 2)), (360.0, 120.0))
 
     own, bare = (
         summarise_model(project(tmp_path, **top, layers=layers))
@@ -148,6 +148,21 @@ def test_soil_on_a_straight_bench_costs_at_most_twice_its_rock(tmp_path, thickne
 
     assert "between the planes" in own.elements
     assert own.nodes * own.steps < 2.0 * bare.nodes * bare.steps
+
+
+def test_benches_that_bend_are_priced_as_what_is_cut_out_of_tetrahedra(tmp_path):
+    bent = face(60.0) | {"crest_m": [[60.0, -50.0, 0.0], [66.0, 60.0, 0.0], [60.0, 170.0, 0.0]]}
+    box = {"size_m": [120.0, 120.0, 60.0], "receivers": [(110.0, 60.0)], "benches": [bent]}
+    rock = {"material": "rock"}
+    own = project(tmp_path, layers=[rock], **box)
+
+    built = summarise_model(own)
+
+    assert 0.5 < own.cost.zones / built.zones < 2.0
+    assert 0.5 < own.cost.steps / built.steps < 2.0
+    soil = {"material": "soil", "thickness_m": 2.0}
+    dear = project(tmp_path, layers=[soil, rock], minutes=1.0, **box).dear
+    assert "benches whose lines are straight, level and parallel" in dear.text
 
 
 @pytest.mark.parametrize(
@@ -205,7 +220,7 @@ def test_what_no_layer_follows_is_refused_with_what_stands_in_the_way(tmp_path):
     soil = {"material": "soil", "thickness_m": 2.0, "follows_surface": True}
     with pytest.raises(InputError, match="follows_surface goes with surface_file"):
         project(tmp_path, layers=[soil, {"material": "rock"}])
-    top = survey(tmp_path, lambda x, y: 0.0 * x, (360.0, 120.0))
+    top = survey(tmp_path, lambda x, _: 0.0 * x, (360.0, 120.0))
     cut = project(tmp_path, **top, layers=[soil, {"material": "rock"}], kind="tetrahedra")
     with pytest.raises(InputError, match="follows_surface: asks for hexahedra between planes"):
         _ = cut.mesh
@@ -214,7 +229,7 @@ def test_what_no_layer_follows_is_refused_with_what_stands_in_the_way(tmp_path):
 def test_a_source_in_soil_that_follows_a_hill_is_seen_by_its_depth(tmp_path):
     """At 8 m the source lies above the feet of the hill, and 12 m under its top."""
     soil = {"material": "soil", "thickness_m": 2.0, "follows_surface": True}
-    top = survey(tmp_path, lambda x, y: 20.0 * np.exp(-(((x - 40.0) / 90.0) ** 2)), (360.0, 120.0))
+    top = survey(tmp_path, lambda x, _: 20.0 * np.exp(-(((x - 40.0) / 90.0) ** 2)), (360.0, 120.0))
     deep, within = (
         project(tmp_path, **top, layers=[soil, {"material": "rock"}], at=(40.0, 60.0, height))
         for height in (8.0, 19.0)

@@ -8,6 +8,7 @@ from pyblast.signals.seismogram import Seismogram
 from pyblast.signals.spectra import (
     amplitude_spectrum,
     dominant_frequency,
+    late_energy,
     lowpass,
     multitaper_spectrum,
     significant_duration,
@@ -140,6 +141,15 @@ def test_significant_duration_of_an_exponential_is_its_closed_form():
     duration = significant_duration(record(np.exp(-3.0 * TIMES)))
 
     assert duration[0] == pytest.approx(np.log(0.95 / 0.05) / 6.0, rel=2e-3)
+
+
+def test_late_energy_of_an_exponential_is_its_closed_form():
+    share = late_energy(record(np.exp(-1.5 * TIMES)))
+
+    wanted = (np.exp(-3.0) - np.exp(-12.0)) / (1.0 - np.exp(-12.0))
+    assert share[0] == pytest.approx(wanted, rel=5e-3)
+    assert np.isnan(share[1:]).all()  # silent, and missing
+    assert np.isnan(late_energy(record(np.ones(4096)), after=5.0)).all()  # beyond the record
 
 
 def test_low_pass_says_what_it_removed():

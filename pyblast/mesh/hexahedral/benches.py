@@ -57,13 +57,15 @@ class Benches:
             raise NotMapped(f"a layer ends above the ground of the benches, {self.top:.4g} m")
         box = np.vstack([geometry.box[:2], [geometry.box[2, 0], self.top]])
         self.faces, self.heights = [], []
-        for number, (crest, toe) in enumerate(geometry.benches, start=1):
-            strike = np.append(crest[-1, :2] - crest[0, :2], 0.0)
-            plane = Plane(f"the face of bench {number}", face_normal(crest, toe), crest[0],
-                          strike / np.linalg.norm(strike))  # fmt: skip
+        along = np.array([-self.across[1], self.across[0], 0.0])
+        middle = geometry.box.mean(axis=1) @ along * along
+        for number, face in enumerate(self.profile.reshape(-1, 2, 2), start=1):
+            crest, toe = (middle + np.append(s * self.across, z) for s, z in face)
+            lines = (np.array([end, end + along]) for end in (crest, toe))
+            plane = Plane(f"the face of bench {number}", face_normal(*lines), crest, along)
             if plane.area_in(box) > 0.0:
                 self.faces.append(plane)
-                self.heights += self.profile[2 * number - 2 : 2 * number, 1].tolist()
+                self.heights += face[:, 1].tolist()
 
     def ground(self, horizontal: np.ndarray) -> np.ndarray:
         """Return the height (n,) in m of the ground at horizontal positions (n, 2)."""

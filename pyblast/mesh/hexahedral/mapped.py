@@ -31,6 +31,7 @@ LEAST_GAP = 0.15  # of an edge, at the narrow end between two planes, or a plane
 NARROWING = 0.5  # narrow end over wide end from which the gap does not matter
 BELOW_SURFACE = 0.25  # of an edge, from the reference to the lowest ground
 STEEP = 0.3  # least component of the normal of a plane along the first axis
+UNEVEN = 0.04  # of an edge: extent across a line of a bench that counts as straight
 SAME = 0.008  # of an edge: ends nearer than this to another plane lie on it
 ROUND = 1e-9  # of the size: coordinates that count as equal
 HEIGHTS = 25  # tried on each line, for surfaces that it meets more than once
@@ -296,7 +297,7 @@ def build_mapped(
 def _top(geometry, edges):
     """Return the surface or the benches of a geometry, None where its top is level."""
     if geometry.benches:
-        return Benches(geometry, SAME * float(edges[:, 0].min()))
+        return Benches(geometry, UNEVEN * float(edges[:, 0].min()))
     return None if geometry.surface is None else Surface(geometry)
 
 
@@ -318,6 +319,16 @@ def grid_lines(geometry: Geometry, sizes: Sizes, order: int) -> list[np.ndarray]
         except NotMapped as reason:
             reasons.append(reason)
     raise reasons[0]
+
+
+def in_a_grid(geometry: Geometry, sizes: Sizes) -> bool:
+    """Tell whether a grid between planes may serve the surface of a geometry."""
+    if geometry.benches:
+        try:
+            return _top(geometry, edge_pairs(sizes)) is not None
+        except NotMapped:
+            return False
+    return np.ndim(geometry.surface) < 3
 
 
 def is_plain(geometry: Geometry) -> bool:
