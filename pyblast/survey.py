@@ -148,8 +148,8 @@ class Survey:
         """Gather the recordings of all shots at common instants, with their noise.
 
         A sensor of one component has one channel, the largest of its direction, which holds all
-        that it says. A channel that never moves is left out, and a channel that is still before the shot gets
-        the noise of the channel with most noise, reversed in time.
+        that it says. A channel that never moves is left out, and a channel that is still before
+        the shot gets the noise of the channel with most noise, reversed in time.
 
         Parameters
         ----------

@@ -202,9 +202,7 @@ def _clocks(case, recorded, simulated, early):
     most = int(LATEST * STEPS_PER_PERIOD)
     shifts, scores = step * np.arange(-most, most + 1), []
     for shift in shifts:
-        _, product, square = _products(
-            early * recorded, early * shifted(simulated, shift, case.dt)
-        )
+        _, product, square = _products(early * recorded, early * shifted(simulated, shift, case.dt))
         correlation = np.abs(_ratio(product, np.sqrt(square)).sum(axis=0))
         scores.append(correlation - 0.5 * DAMPING * (shift / shifts[-1]) ** 2)
     return shifts[np.argmax(scores, axis=0)]
