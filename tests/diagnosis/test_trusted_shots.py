@@ -1,12 +1,15 @@
 """Trusted shots: the source is what all receivers share, gains and model errors are receivers'."""
 
-from dataclasses import make_dataclass
+from dataclasses import make_dataclass, replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import small_site
 
 from pyblast.config.config import DiagnosisConfig
+from pyblast.diagnosis.calibration import taught
+from pyblast.diagnosis.forward import simulation_of
 from pyblast.diagnosis.library.instruments import (
     moved_along_line,
     pairs_of_near_receivers,
@@ -130,6 +133,24 @@ def test_a_receiver_without_record_is_as_usual():
 
     assert taught.gain[5] == np.median(np.delete(taught.gain, 5))
     assert taught.clock[5] == 0.0
+
+
+def test_a_trusted_blast_teaches_the_case_of_the_others():
+    plain = small_site.small_site()
+    table = {"trusted": ["S1"], "early_s": [-0.04, 0.1], "calibrate": False}
+    diagnosis = plain.config.diagnosis.model_copy(update=table)
+    site = replace(plain, config=plain.config.model_copy(update={"diagnosis": diagnosis}))
+    gain, clock = np.array([1.0, 0.5, -1.5, 2.0]), 1e-3 * np.array([0.0, 5.0, -4.0, 3.0])
+
+    def received(motion):
+        return gain[:, None, None] * shifted(motion, clock[:, None], small_site.DT)
+
+    case = taught(small_site.recorded(site, change=received), simulation_of)
+
+    assert case.blasts == ("B1",)
+    np.testing.assert_allclose(case.gain, gain, rtol=0.05)
+    np.testing.assert_allclose(case.clock, clock, atol=1.0 / (40 * case.band.high))
+    assert np.all(explained(case, simulation_of(case).motion(case.project)) > 0.95)
 
 
 def test_simulated_motion_is_as_late_as_clocks():
