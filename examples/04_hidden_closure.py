@@ -25,9 +25,10 @@ from pyblast.solver.run import simulate
 PLACES = ((20, 70, 0), (80, 20, 0), (100, 60, 0), (110, 30, -20), (95, 85, 0), (35, 10, 0))
 BOX = ((0.0, 120.0), (0.0, 90.0), (-60.0, 0.0))  # m, as in the files
 JOINT = 60.0
-EXPONENT, LOWEST = 0.9, 4.0  # of the charge, Hz: as in the files
-EDGE, PADDING = 20.0, 180.0  # m, of quadratic zones, and of what lies beyond the box
+EXPONENT, LOWEST = 0.9, 2.0  # of the charge; Hz, below the band of the files
+EDGE, PADDING = 20.0, 400.0  # m, of quadratic zones, and of what lies beyond the box
 SIDES = ("west", "east", "south", "north", "bottom")
+GROWTH = 1.2  # of zones beyond the box
 DT, SAMPLES, BEFORE = 0.004, 125, 62
 CLOSED = 0.6  # share of its largest closure at which the joint lies
 ERRORS = (0.02, -0.015, 0.15, -0.1)  # logarithms of factors on cp, cs, kn, ks
@@ -102,7 +103,7 @@ def model_of(project: Project, blast: str) -> Model:
     """Return one blast in quadratic zones that a diagnosis does not use."""
     anchors = ((*BOX[0], JOINT), BOX[1], BOX[2])
     axes = [
-        graded_axis(limits, stops, EDGE, PADDING, after, 1.1)
+        graded_axis(limits, stops, EDGE, PADDING, after, GROWTH)
         for limits, stops, after in zip(BOX, anchors, (PADDING, PADDING, 0.0), strict=True)
     ]
     layers = [Layer("rock", None)]

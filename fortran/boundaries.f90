@@ -7,6 +7,8 @@ module pyblast_boundaries
     private
     public :: load_forces, load_power, load_runs, viscous_forces, reaction_forces
 
+    integer, parameter :: block_size = 512   !! dashpots whose work is added together
+
 contains
 
     subroutine load_forces(loads, start, step, n_nodes, velocity, run_force, force, power)
@@ -100,11 +102,12 @@ contains
         end do
     end subroutine load_power
 
-    pure subroutine viscous_forces(boundaries, nodes, dt, n_nodes, velocity, force, work_before, &
-                                   work_after)
+    subroutine viscous_forces(boundaries, nodes, dt, n_nodes, velocity, force, work_before, &
+                              work_after)
         !! Add the force of viscous boundaries at the mean velocity of the step, -Z (v_old + v_new)/2.
         !!
-        !! The new velocity is solved for at each node, so a dashpot costs no time step.
+        !! The new velocity is solved for at each node, so a dashpot costs no time step. No node has
+        !! two, and their work is added block by block, so that no sum depends on the threads.
         !! Source: Lysmer & Kuhlemeyer (1969); theory.md (4.1), (4.2).
         type(boundary_arrays), intent(in) :: boundaries
         type(node_arrays), intent(in) :: nodes
@@ -114,12 +117,35 @@ contains
         real(dp), intent(inout) :: force(n_batch, 3, n_nodes)      !! [N]
         real(dp), intent(out) :: work_before(n_batch), work_after(n_batch)
             !! half a step's energy taken out, on the old and on the new velocity [J]
+        real(dp) :: work(n_batch, 2, (size(boundaries%dashpot_node) + block_size - 1)/block_size)
+        integer :: b
+
+        !$omp parallel do schedule(static) default(none) &
+        !$omp& shared(boundaries, nodes, dt, n_nodes, velocity, force, work) &
+        !$omp& if (n_batch*n_nodes >= least_shared)
+        do b = 1, size(work, 3)
+            call resist_block((b - 1)*block_size + 1, &
+                              min(b*block_size, size(boundaries%dashpot_node)), boundaries, nodes, &
+                              dt, n_nodes, velocity, force, work(:, :, b))
+        end do
+        !$omp end parallel do
+        work_before = sum(work(:, 1, :), 2)
+        work_after = sum(work(:, 2, :), 2)
+    end subroutine viscous_forces
+
+    pure subroutine resist_block(first, last, boundaries, nodes, dt, n_nodes, velocity, force, work)
+        !! Add the forces of dashpots first to last; arguments as in viscous_forces.
+        integer, intent(in) :: first, last, n_nodes
+        type(boundary_arrays), intent(in) :: boundaries
+        type(node_arrays), intent(in) :: nodes
+        real(dp), intent(in) :: dt, velocity(n_batch, 3, n_nodes)
+        real(dp), intent(inout) :: force(n_batch, 3, n_nodes)
+        real(dp), intent(out) :: work(n_batch, 2)                  !! before and after [J]
         real(dp) :: impedance(3, 3), resistance(3), old(3), new(3)
         integer :: d, n, m
 
-        work_before = 0.0_dp
-        work_after = 0.0_dp
-        do d = 1, size(boundaries%dashpot_node)
+        work = 0.0_dp
+        do d = first, last
             n = boundaries%dashpot_node(d)
             impedance = boundaries%dashpot_impedance(:, :, d)
             do m = 1, n_batch
@@ -127,12 +153,12 @@ contains
                 call resist(dt, nodes%node_mass(m, n), nodes%node_alpha(m, n), &
                             impedance, boundaries%dashpot_inverse(:, :, m, d), old, &
                             force(m, :, n), new, resistance)
-                work_before(m) = work_before(m) + 0.5_dp*dt*dot_product(resistance, old)
-                work_after(m) = work_after(m) + 0.5_dp*dt*dot_product(resistance, new)
+                work(m, 1) = work(m, 1) + 0.5_dp*dt*dot_product(resistance, old)
+                work(m, 2) = work(m, 2) + 0.5_dp*dt*dot_product(resistance, new)
                 force(m, :, n) = force(m, :, n) - resistance
             end do
         end do
-    end subroutine viscous_forces
+    end subroutine resist_block
 
     pure subroutine resist(dt, mass, alpha, impedance, inverse, old, force, new, resistance)
         !! New velocity of a node at a dashpot, and the force that the dashpot takes.

@@ -9,11 +9,12 @@ from scipy.special import logsumexp
 
 from ..errors import contained
 from ..ground.tables import is_anisotropic
-from ..inference.location import unrestricted
+from ..inference.location import located, unrestricted
 from ..simulation.simulation import Simulation
 from .cross_validation import CrossValidation, cross_validate
 from .effects import Scene
 from .fitting import Fit, corrected, fit, not_improved
+from .forward import quarter_wave
 from .search import Search, material, worst
 from .thresholds import (
     FAR_OFF,
@@ -32,7 +33,8 @@ RESOLUTION_CLAIM = "On a finer mesh the evidence of this answer is below the thr
 RESOLUTION_DECIDED_BY = (
     "shorter zones (`cuts` of `pyblast.workflows.diagnose`) until the answer stays"
 )
-SPRINGS = 3.0  # spread of the logarithms of stiffness over that of speeds and density
+IN_ROCK = 0.3  # prior standard deviation of the logarithms of speeds and density
+SPRINGS = 3.0  # spread of the logarithms of stiffness over that
 OPEN_SET_TEST = "open-set test"  # a part of a diagnosis that may fail
 FINER_MESH = "runs on a finer mesh"  # a part of a diagnosis that may fail
 HALF_WIDTH = 1.645  # standard deviations, half of a 90 % interval
@@ -126,11 +128,13 @@ def decide(search: Search, finer: Simulation | None = None) -> Decision:
     tested = cross_validate(search.scene, without, chosen)
     share = explained_share(without.chi_square, chosen.chi_square)
     fails = not_improved(search.scene, without, chosen)
-    open_set = None
+    open_set, elsewhere = None, ()
     with contained(search.scene.failures, OPEN_SET_TEST):
         open_set = open_set_ratio(search, chosen)
+        elsewhere = body_explains_more(search, chosen)
+    fails = (*fails, *elsewhere)
     basis = (probability, share, tested, chosen, mesh_change, fails, open_set)
-    if not tested.supports or (open_set is not None and open_set < OPEN_SET):
+    if not tested.supports or elsewhere or (open_set is not None and open_set < OPEN_SET):
         return Decision("UNKNOWN", without, (), *basis)
     more = more_remains(chosen.chi_square, share) or search.scored_beside(chosen)
     alone = untestable and len(rivals) == 1
@@ -162,6 +166,31 @@ def open_set_ratio(search: Search, chosen: Fit) -> float | None:
     residual = scores.residual(without.motion, without.values)
     free = unrestricted(scores.at_fit(without).error, everywhere, residual)
     return None if free < search.required else search.delta_ln_evidence(chosen) / free
+
+
+def body_explains_more(search: Search, chosen: Fit) -> tuple[str, ...]:
+    """Return a sentence where a change of the rock at one place has more evidence, by `LEAD`.
+
+    More than a fit; none where the library knows better, as a body was fitted by runs.
+
+    Raises
+    ------
+    InputError, SolverError
+        If secondary sources can't be computed.
+    """
+    if search.scores is None or any("body" in fitted.labels for fitted in search.fits):
+        return ()
+    without, scene = search.without_effects, search.scene
+    evidence = search.delta_ln_evidence(chosen)
+    bodies = scene.secondary_places[0].spread(quarter_wave(scene.baseline.project, scene.case))
+    residual = search.scores.residual(without.motion, without.values)
+    alone = located(search.scores.at_fit(without).error, bodies, residual, IN_ROCK)
+    if alone.score <= evidence + LEAD:
+        return ()
+    return (
+        f"a change of the rock at one place alone has the Δ ln evidence {alone.score:.0f}, "
+        f"{' + '.join(chosen.labels)} {evidence:.0f}",
+    )
 
 
 def undecided(search: Search) -> Decision:
@@ -251,7 +280,8 @@ def on_finer_mesh(
         progress("a finer mesh", done, len(shift))
         if blasts:
             names = [scene.case.blasts[b] for b in blasts]
-            shift[blasts] = finer.motion(project, names) - simulated[blasts]
+            motion = scene.carried(fit.values, fit.effects, blasts, finer.motion(project, names))
+            shift[blasts] = motion - simulated[blasts]
         size = worst(over_usual(shift))
         if size < MESH_CHANGE:
             return fit, size
@@ -374,10 +404,12 @@ def _rivals(search, chosen, least=None):
 
 
 def _contradicted(search, chosen):
-    """Return other labels that score as much as a set, whose fits gained much less."""
+    """Return other labels that score as much as a set, whose fits gained much less, or are none."""
     least = search.delta_ln_evidence(chosen) - LEAD
-    rows = search.contradicted.items()
-    return [label for label, (score, _) in rows if score > least and label not in chosen.labels]
+    known = {label for fitted in search.fits for label in fitted.labels}
+    rows = {label: score for label, score in search.classes().items() if label not in known}
+    rows |= {label: score for label, (score, _) in search.contradicted.items()}
+    return [label for label, score in rows.items() if score > least and label not in chosen.labels]
 
 
 def _probabilities(search):

@@ -8,7 +8,7 @@ from itertools import product
 from typing import NamedTuple
 
 import numpy as np
-from scipy import fft
+from scipy import fft, signal
 
 from ..blasts.blast import Blast
 from ..blasts.hole_effects import HoleChange, together
@@ -16,6 +16,7 @@ from ..errors import InputError, contained
 from ..ground.tables import quality_of
 from ..inference.error_model import ErrorModel
 from ..inference.location import Places
+from ..inference.nuisances import law_columns
 from ..inference.parameter import Parameter, set_all
 from ..inference.variation import (
     Charges,
@@ -28,6 +29,7 @@ from ..project.places import NEAR, resolved_receivers
 from ..project.project import Project
 from ..project.uncertain_ground import factors_of
 from ..simulation.estimate import cost_of
+from ..simulation.recipe import HARMONICS, sizes_for_band
 from ..simulation.simulation import Simulation
 from ..units import plain_number
 from . import library  # noqa: F401  fills the library
@@ -35,11 +37,12 @@ from .calibration import Baseline, attenuated
 from .case import Case
 from .error import VARIED, learned_error, with_calibrated
 from .forward import (
+    StoredFields,
     Surroundings,
     holds,
     hole_motion,
-    secondary_places,
     simulation_of,
+    stored_fields,
     surroundings,
 )
 from .hypotheses import (
@@ -51,10 +54,11 @@ from .hypotheses import (
     patterns_of,
     superposed,
 )
-from .thresholds import DEAREST, FEWEST_HOLES, IDEALISED, ORDINARY
+from .thresholds import CARRIED, DEAREST, FEWEST_HOLES, IDEALISED, ORDINARY
 
 FURTHER = "further blast"
 WEAKEST = 0.05  # of the largest in its spectrum: a pulse is not divided by less
+ORDER = 6  # of the low-pass of harmonics
 RUNS, HOLES = "runs", "motion of single holes"  # parts of a diagnosis that may fail
 
 
@@ -124,6 +128,8 @@ class Scene:
         Of the price of all runs.
     others : tuple of Simulation
         Whose runs count, too.
+    fields : StoredFields, optional
+        Of the calibrated ground; made where they are first asked for.
     """
 
     simulation: Simulation
@@ -132,7 +138,9 @@ class Scene:
     failures: dict[frozenset | str, str] = field(default_factory=dict)
     budget: float = np.inf
     others: tuple[Simulation, ...] = ()
+    fields: StoredFields | None = None
     _prices: dict = field(default_factory=dict, repr=False)
+    _paid: dict = field(default_factory=dict, repr=False)
     _simulated: dict = field(default_factory=dict, repr=False)
     _corrections: dict = field(default_factory=dict, repr=False)
     _impossible: set = field(default_factory=set, repr=False)
@@ -153,13 +161,17 @@ class Scene:
 
     @cached_property
     def surroundings(self) -> Surroundings:
-        """Motion around the receivers in the calibrated ground, by one run of each blast."""
+        """Motion around receivers in the calibrated ground, by stored fields or a run per blast."""
+        if self.fields is not None:
+            return self.fields.surroundings
         return surroundings(self.simulation, self.case, self.baseline.project)
 
-    @cached_property
+    @property
     def secondary_places(self) -> tuple[Places, Places]:
         """Cells of the rock and patches of the joints of the calibrated ground, with changes."""
-        return secondary_places(self.simulation, self.case, self.baseline.project)
+        if self.fields is None:
+            self.fields = stored_fields(self.simulation, self.case, self.baseline.project)
+        return self.fields.rock, self.fields.joints
 
     @cached_property
     def varied(self) -> Varying | None:
@@ -241,7 +253,8 @@ class Scene:
         """Return the error of a prediction with effects, that of their laws included.
 
         Where they are not those of instruments, the change of motion by them has an error of
-        `IDEALISED` of its energy; theory.md (14.13).
+        `IDEALISED` of its energy at each record; that of joints that close or slip has as large a
+        one, smooth over frequency, that all records share; theory.md (14.13).
 
         Parameters
         ----------
@@ -255,7 +268,10 @@ class Scene:
         calibrated = np.tensordot(values - self.baseline.values, self.baseline.slopes, 1)
         change = motion - self.baseline.motion - self.unplanned - calibrated
         blocks = self.error.blocks.beside(change, self.case.band, IDEALISED)
-        return replace(self.error, blocks=blocks)
+        nuisances = self.error.nuisances
+        if not all(effect.hypothesis.linear for effect in effects):
+            nuisances = nuisances + law_columns(change, self.case.band, IDEALISED)
+        return replace(self.error, blocks=blocks, nuisances=nuisances)
 
     def contained(self, effects: Sequence[Effect]) -> AbstractContextManager[None]:
         """Enter an error of effects into the failures in place of raising it; raise one of none."""
@@ -308,7 +324,7 @@ class Scene:
         for key in dict.fromkeys(keys):
             if key not in known and key not in self._impossible:
                 with self.contained(key[1]):
-                    self._refuse_dear(self.price(*key), 1)
+                    self._refuse_dear(self.price(*key), 1, key[1])
                     projects[key] = self.project(*key)
         possible = [key for key, project in projects.items() if project is not None]
         together = 1 if self.simulation.executor is None else max(len(possible), 1)  # models held
@@ -344,18 +360,20 @@ class Scene:
             if (shape, b) not in self._corrections and (shape, b) not in controls
         }
         for state in list(states.values())[:1]:  # blasts and controls share its ground
-            self._refuse_dear(self._priced_on_mesh(state), len(states) + len(own))
+            self._refuse_dear(self._priced_on_mesh(state), len(states) + len(own), key[1])
         for state in (*states.values(), *own.values()):
             self.simulation.model(state)  # raises where it can't be built
         controls.update(own)
         return states, shape
 
-    def _refuse_dear(self, seconds, number):
+    def _refuse_dear(self, seconds, number, effects):
         """Refuse a number of runs of a price if they take too much of what the budget leaves.
 
-        That is more than `DEAREST` of it, and than `ORDINARY` times runs of the reference.
+        That is more than `DEAREST` of it, and than `ORDINARY` times runs of the reference, or those
+        made of an effect before: a fit that was begun is ended.
         """
-        ordinary = ORDINARY * self._priced_on_mesh(self._reference)
+        paid = [self._paid.get(effect.where, 0.0) for effect in effects]
+        ordinary = ORDINARY * max(self._priced_on_mesh(self._reference), *paid)
         most = max(DEAREST * (self.budget - self.spent), number * ordinary)
         if number * seconds > most:
             raise InputError(
@@ -388,6 +406,10 @@ class Scene:
         required = {(key, b): state for key, (own, _) in built.items() for b, state in own.items()}
         blasts = [self.case.blasts[b] for _, b in (*required, *controls)]
         done = self.simulation.simulate([*required.values(), *controls.values()], blasts)
+        for (key, _), state in required.items():
+            for effect in key[1]:
+                paid = self._paid.get(effect.where, 0.0)
+                self._paid[effect.where] = max(paid, self.price(*key), self._priced_on_mesh(state))
         for mesh, motion in zip(controls, done[len(required) :], strict=True):
             self._corrections[mesh] = self.baseline.reference[mesh[1]] - motion
         for (key, b), motion in zip(required, done[: len(required)], strict=True):
@@ -396,7 +418,29 @@ class Scene:
                 before = self.baseline.reference[b] - correction
                 band = self.case.band.low, self.case.band.high
                 correction = attenuated(correction, before, motion, self.case.dt, band)
-            self._simulated[key, b] = motion + correction
+            self._simulated[key, b] = self.carried(*key, b, motion + correction)
+
+    def carried(self, values, effects: Sequence[Effect], blasts, motion) -> np.ndarray:
+        """Return motion with effects, without the harmonics that its mesh does not carry.
+
+        What joints that close or slip add above `CARRIED` of the frequency up to which a mesh
+        carries waves is wrong by as much as it is; theory.md (14.13).
+
+        Parameters
+        ----------
+        values : (n_calibrated,) float64
+        effects : sequence of Effect
+        blasts : int or sequence of int
+        motion : (n_blasts, n_receivers, 3, n_samples) float64, m/s
+            Of these blasts.
+        """
+        if all(effect.hypothesis.linear for effect in effects):
+            return motion
+        baseline, case = self.baseline, self.case
+        linear = baseline.reference[blasts] + np.tensordot(values, baseline.slopes[:, blasts], 1)
+        highest = CARRIED * HARMONICS * case.project.config.band_hz[1]
+        sections = signal.butter(ORDER, highest, fs=1.0 / case.dt, output="sos")
+        return linear + signal.sosfiltfilt(sections, motion - linear)
 
     def _mesh_control(self, effects):
         """Return the reference project with the mesh of effects, but without the effects.
@@ -563,7 +607,8 @@ def changed_site(
 ) -> Project | None:
     """Return a project with calibrated values and the effects on its site.
 
-    None where effects exclude one another.
+    None where effects exclude one another. Effects that are not linear have a mesh that carries
+    harmonics of the band that is compared, see `Project.for_band`.
 
     Parameters
     ----------
@@ -581,7 +626,12 @@ def changed_site(
     for effect in _acting(effects, "site"):
         if site is not None:
             site = effect.hypothesis.apply(site, effect.target, **effect.parameters)
-    return site
+    band = project.config.band_hz
+    if site is None or band is None or all(each.hypothesis.linear for each in effects):
+        return site
+    if not project.meshed.mesh.hexahedral:
+        return site
+    return site.changed(mesh=sizes_for_band(site.ground, HARMONICS * band[1]))
 
 
 def predict(

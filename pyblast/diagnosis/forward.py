@@ -4,6 +4,7 @@ from collections.abc import Callable
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 from scipy.interpolate import make_interp_spline
@@ -13,10 +14,12 @@ from ..errors import InputError
 from ..inference.location import Places
 from ..mesh.mesh import locate_in_zones
 from ..model.model import Receiver
+from ..model.source import Column
 from ..project.places import on_ground, refuse_outside
 from ..project.project import Project
 from ..runs.bank import bank_of
-from ..runs.secondary_sources import by_joint, by_rock
+from ..runs.greens import PointSource
+from ..runs.secondary_sources import by_hole, by_joint, by_rock
 from ..simulation.estimate import cost_of
 from ..simulation.simulation import Simulation
 from .case import Case
@@ -193,10 +196,41 @@ def surroundings(simulation: Simulation, case: Case, project: Project) -> Surrou
     return Surroundings(offsets, motion.reshape(len(own), -1, n, n, *motion.shape[2:]))
 
 
-def secondary_places(
+def fields_not_kept(case: Case) -> str:
+    """Return why the fields of shots and receivers of a case cannot be kept; empty if they can."""
+    table = case.project.config.diagnosis
+    if table is not None and (table.source_s is not None or table.trigger_s is not None):
+        return (
+            "diagnosis.source_s, diagnosis.trigger_s: what the records tell of their source is "
+            "no part of stored fields; give the source to locate what is missing"
+        )
+    if not case.project.mesh.hexahedral:
+        return "the zones are tetrahedra, and fields to locate a change are kept in hexahedra alone"
+    return ""
+
+
+class StoredFields(NamedTuple):
+    """What the fields of shots and receivers tell of a ground, see `stored_fields`.
+
+    Parameters
+    ----------
+    rock, joints : Places
+        Cells of the rock and patches of the joints, with their changes.
+    holes : dict of str to (n_holes, n_receivers, 3, n_samples) float64, m/s
+        As of `hole_motion`.
+    surroundings : Surroundings
+    """
+
+    rock: Places
+    joints: Places
+    holes: dict[str, np.ndarray]
+    surroundings: Surroundings
+
+
+def stored_fields(
     simulation: Simulation, case: Case, project: Project, progress: Callable = lambda *_: None
-) -> tuple[Places, Places]:
-    """Return cells of the rock and patches of the joints of a project, with their changes.
+) -> StoredFields:
+    """Return the places of a project where its ground may differ, and the motion of its holes.
 
     By one run of each blast and one of a force at each receiver along each axis.
 
@@ -216,26 +250,61 @@ def secondary_places(
     SolverError
         If a run fails.
     """
-    table = case.project.config.diagnosis
-    if table is not None and (table.source_s is not None or table.trigger_s is not None):
-        raise InputError(
-            "diagnosis.source_s, diagnosis.trigger_s: what the records tell of their source is "
-            "no part of stored fields; give the source to locate what is missing"
-        )
+    if why := fields_not_kept(case):
+        raise InputError(why)
     names = {receiver.name: receiver for receiver in project.receivers}
     receivers = tuple(names[name] for name in case.receivers)
     own = [simulation.of(project, blast) for blast in case.blasts]
     models = [replace(simulation.model(each), receivers=receivers) for each in own]
+    offsets = probe_offsets(case, project)
+    probes = [np.array(probe_positions(case, receiver, offsets)) for receiver in receivers]
     bank = bank_of(
-        models, simulation.duration, case.band.high, executor=simulation.executor,
-        progress=progress,
+        models, simulation.duration, case.band.high, np.concatenate(probes),
+        executor=simulation.executor, progress=progress,
     )  # fmt: skip
     simulation.runs += bank.runs
     simulation.priced += bank.runs * cost_of(models[0], simulation.duration).seconds
     times = [each.lead + case.dt * np.arange(case.n_samples) for each in own]
     back = [bank.transform.back(each) for each in times]
     rock, joints = by_rock(bank), by_joint(bank, 2.0 * quarter_wave(project, case))
-    return _places(bank, rock, case, back), _places(bank, joints, case, back)
+    return StoredFields(
+        _places(bank, rock, case, back), _places(bank, joints, case, back),
+        _holes_of(bank, models, own, back)
+        if not not_superposed(case) and _at_points(models)
+        else hole_motion(simulation, case, project),
+        _surroundings_of(bank, offsets, probes, back),
+    )  # fmt: skip
+
+
+def _surroundings_of(bank, offsets, probes, back):
+    """Return the motion around the receivers, at probes of each, from the fields of shots."""
+    around, n = [], len(offsets)
+    for places, measured in zip(probes, bank.measured, strict=True):
+        own = np.einsum("ic,bpik->bpck", measured, bank.at_places(places))
+        motion = [np.real(each @ instants) for each, instants in zip(own, back, strict=True)]
+        around.append(np.reshape(motion, (len(back), n, n, 3, -1)))
+    return Surroundings(offsets, np.stack(around, axis=1))
+
+
+def _at_points(models):
+    """Tell whether all sources of models are points, the motion of which reciprocity gives."""
+    return all(
+        isinstance(source, PointSource) and not isinstance(source, Column)
+        for model in models for source in model.sources
+    )  # fmt: skip
+
+
+def _holes_of(bank, models, own, back):
+    """Return the motion of each hole, fired at zero, by blast, from the fields of receivers."""
+    motion = {}
+    for model, each, instants in zip(models, own, back, strict=True):
+        at_zero = [replace(source, time=each.lead) for source in model.sources]
+        spectra = np.array([by_hole(bank, source) for source in at_zero])
+        fired = np.real(bank.by_receiver(spectra) @ instants)
+        charge = each.blast.charge
+        motion[each.shot.name] = np.zeros((len(charge), *fired.shape[1:]))
+        motion[each.shot.name][charge > 0.0] = fired
+    return motion
 
 
 def _places(bank, sources, case, back):

@@ -16,7 +16,7 @@ from ..errors import InputError, contained, named_error
 from ..ground.tables import quality_of
 from ..inference.parameter import Parameter
 from .case import Case
-from .forward import not_superposed, probe_offsets, probe_positions_inside
+from .forward import fields_not_kept, not_superposed, probe_offsets, probe_positions_inside
 from .thresholds import CHARGE_RATIO, DIRECTIONS, SECTORS
 
 
@@ -116,6 +116,11 @@ def holes_inside(case: Case) -> str:
     return "no hole is a source inside the model: give [holes_inside] in place of [input]"
 
 
+def kept_fields(case: Case) -> str:
+    """Require fields of shots and receivers that can be kept."""
+    return fields_not_kept(case)
+
+
 def superposed(case: Case) -> str:
     """Require holes whose motions superpose, so that each can be changed."""
     return not_superposed(case)
@@ -134,16 +139,15 @@ def elastic_joints(case: Case) -> str:
 
 
 def air_over_layers(case: Case) -> str:
-    """Require holes with charges, flat layers and a model without air blast."""
+    """Require holes with charges, a free surface on top and a model without air blast."""
     for each in case.project.shots:
         config = each.config
         if config.air_blast is not None:
             return "the project has [air_blast], and every run has it"
         if config.blast is None or np.isnan(each.blast.charge).any():
             return "there is no [blast] with a charge for each hole"
-        mesh = config.mesh
-        if not mesh.layers or mesh.benches or case.project.ground.surface is not None:
-            return "the ground is not flat: give flat [[mesh.layers]]"
+    if "top" not in case.project.mesh.surfaces:
+        return "the mesh has no surface 'top', over which air could run: name it in the mesh"
     return ""
 
 
@@ -328,6 +332,10 @@ class Hypothesis:
     odd : bool
         Whether its change of motion turns its sign, to first order, with the sign of its parameters
         of mean zero; then only one of two starting values that mirror each other may be run.
+    stored : callable or None
+        ``(scene) -> (values, changes)``: one value of each parameter, and the change of motion
+        by them at each target, (n_targets, n_blasts, n_receivers, 3, n_functions), to first order
+        and in the band, by stored fields in place of runs. It admits an effect to a fit by runs.
     single : bool
         Whether only the best target is claimed, however many would pay.
     further : tuple of (str, tuple of float)
@@ -359,6 +367,7 @@ class Hypothesis:
     further: tuple[tuple[str, tuple[float, ...]], ...] = ()
     described: Callable | None = None
     odd: bool = False
+    stored: Callable | None = None
 
     @property
     def name(self) -> str:
@@ -423,7 +432,7 @@ PRIORS = read_priors(files("pyblast.diagnosis").joinpath("library", "priors.toml
 def hypothesis(
     label, *, family, on, target, axis, parameters=None, form="", targets=None, mesh_control=None,
     linear=True, decided_by="", needs=(), simulated=(), single=False, begins=None,
-    further=(), described=None, odd=False,
+    further=(), described=None, odd=False, stored=None,
 ):  # fmt: skip
     """Enter the decorated function into the library; arguments as of `Hypothesis`.
 
@@ -454,7 +463,7 @@ def hypothesis(
         entry = Hypothesis(
             label, form, " ".join(claim.split()), family, on, target, possible, axis,
             chosen, function, mesh_control, linear, decided_by, needs, simulated, single,
-            begins, tuple(further), described, odd,
+            begins, tuple(further), described, odd, stored,
         )  # fmt: skip
         if entry.name in LIBRARY:
             raise InputError(f"hypothesis {entry.name}: is in the library already")

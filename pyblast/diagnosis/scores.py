@@ -22,6 +22,7 @@ from .thresholds import DRAWN_LEVEL, DRAWS, FARTHEST, LEAST_SCORE, NUMERICAL
 
 STEP = 0.05  # prior standard deviations, of effects that start without a change
 TOGETHER = 8  # changes that are run together
+LIMITED = 12  # places of an effect, of many, at which its detection limit is measured
 
 
 class Trial(NamedTuple):
@@ -183,8 +184,11 @@ def members_of(
         Without those that are impossible here or change no record; the failures of the scene have
         the reasons of those that could not be simulated.
     """
-    case, tried = scene.case, []
+    case, tried, stored = scene.case, [], []
     for hypothesis in LIBRARY.values():
+        if hypothesis.stored is not None:
+            stored += _by_stored_fields(scene, hypothesis)
+            continue
         for target in hypothesis.targets(case):
             run, scored = _blasts_of(target, case)
             tried += [(t, run, scored) for t in trials(hypothesis, target, scene)]
@@ -207,8 +211,24 @@ def members_of(
             at += len(part)
     return [
         Member(trial, Change(shapes / (trial.share or 1.0), trial.share == 0.0), scored)
-        for trial, scored, shapes in done if shapes is not None and np.any(shapes)
+        for trial, scored, shapes in done + stored if shapes is not None and np.any(shapes)
     ]  # fmt: skip
+
+
+def _by_stored_fields(scene, hypothesis):
+    """Return trials of a hypothesis at its targets, the blasts that score them, and changes."""
+    case, name = scene.case, hypothesis.name
+    targets, failed, rows = hypothesis.targets(case), {}, []
+    with contained(failed, name):
+        values, changes = hypothesis.stored(scene) if targets else ((), ())
+        at = [Effect(name, target, tuple((v,) for v in values)) for target in targets]
+        rows = [
+            (Trial((effect,), 1.0), main_blasts(case), change[None])
+            for effect, change in zip(at, changes, strict=True)
+        ]
+    for reason in failed.values():
+        scene.failures |= {frozenset([(name, target)]): reason for target in targets}
+    return rows
 
 
 def _cheapest_first(scene, rows):
@@ -508,9 +528,11 @@ def detection_limits(scores: SiteScores, labels: Sequence[str] = ()) -> list[dic
     for member in scores.members:
         number[member.label] = number.get(member.label, 0) + 1
     limits: dict[tuple, dict[str, _Limit]] = {}
-    two_sided = set()
+    two_sided, asked = set(), _limited(scores)
     for member, strengths in sorted(_drawn(scores), key=lambda pair: -pair[0].trial.share):
         if member.label in labels or member.hypothesis.untestable(scores.scene.case):
+            continue
+        if member.hypothesis.stored is not None and member.target not in asked:
             continue
         least = scores.threshold + np.log(number[member.label])
         for k, effect in enumerate(member.trial.effects):
@@ -524,6 +546,12 @@ def detection_limits(scores: SiteScores, labels: Sequence[str] = ()) -> list[dic
                     continue  # a small step is linear, a large one need not be
                 own[member.target] = limit if known is None else min(known, limit, key=_size)
     return [_limit_row(name, parameter, own) for (name, parameter), own in limits.items()]
+
+
+def _limited(scores):
+    """Return the targets by stored fields at which limits are measured, `LIMITED` of all."""
+    own = [each.target for each in scores.members if each.hypothesis.stored is not None]
+    return set(own[:: max(len(own) // LIMITED, 1)])
 
 
 def _drawn(scores):

@@ -14,7 +14,7 @@ from ..inference.variation import Varied
 from .calibration import Baseline, like_taught
 from .case import Case, case_of
 from .cross_validation import CrossValidation
-from .decision import FINER_MESH, RESOLUTION, RESOLUTION_DECIDED_BY, Decision, intervals
+from .decision import FINER_MESH, IN_ROCK, RESOLUTION, RESOLUTION_DECIDED_BY, Decision, intervals
 from .effects import PredictionScene, Scene, with_motion_effects
 from .fitting import Fit
 from .forward import quarter_wave, simulation_of
@@ -22,12 +22,12 @@ from .hypotheses import LIBRARY, blast_and_hole, untestable_labels
 from .mistakes import Mistake
 from .scores import detection_limits
 from .search import Search, means, worst
-from .thresholds import DECISIVE, LEAD, MATERIAL, RESOLVED
+from .thresholds import DECISIVE, MATERIAL, RESOLVED
 from .trusted_shots import explained
 
 UNSURE = "CLASS", "PARTIAL", "UNKNOWN", "MISTAKE"  # outcomes on which a prediction should not rely
 WINDOW = 0.8  # share of the energy of a residual that lies in its windows
-IN_ROCK, ON_JOINT = 0.3, 1.0  # prior standard deviations of logarithms, in rock and on joints
+ON_JOINT = 1.0  # prior standard deviation of the logarithms of stiffness
 PROPERTIES = ("cp", "cs", "density")
 ELSEWHERE = ("candidate", "side", "source_function")  # of lists, bodies and hammers
 IMPOSSIBLE = "it is impossible at this site, or changes no record"
@@ -94,7 +94,7 @@ def summarise_diagnosis(
             "low_pass_hz": {name: case.project.survey.shot(name).low_pass for name in case.blasts},
             "excluded_share": round(float(np.mean(~case.valid)), 4),
         },
-        "fails": [*decision.fails, *_better_bodies(before, search, decision)],
+        "fails": list(decision.fails),
         "next_measurement": _next_measurement(search, decision, remainder),
         "calibration": _calibration(baseline, fit),
         "model": {
@@ -120,19 +120,6 @@ def holes_vary(varied: Varied | None) -> dict | None:
 def not_computed(failures: Mapping) -> list[dict]:
     """Return the parts of a diagnosis that failed, with the reason."""
     return [{"part": k, "reason": v} for k, v in failures.items() if isinstance(k, str)]
-
-
-def _better_bodies(before, search, decision):
-    """Return a sentence where a body at one place has more evidence than the answer."""
-    if before is None or not decision.fit.effects:
-        return []
-    evidence = search.delta_ln_evidence(decision.fit)
-    return [
-        f"a change of the ground at {place_in_words(point)} alone has the Δ ln evidence "
-        f"{point['score']:.0f}, the answer {evidence:.0f}"
-        for point in before["points"]
-        if point["score"] > evidence + LEAD
-    ]
 
 
 def not_asked(summary: Mapping) -> dict[str, str]:

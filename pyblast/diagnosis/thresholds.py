@@ -105,6 +105,12 @@ IDEALISED = _enter(
     "IDEALISED", 0.05, "energy of a change", "Error of the law by which an effect is simulated",
     "closure of site 07, whose law differs: half a per cent of the motion of 11",
 )  # fmt: skip
+CARRIED = _enter(
+    "CARRIED", 0.5, "highest frequency that a mesh carries",
+    "Frequency below which harmonics of joints that close or slip are taken",
+    "closure of a small box: 1 to 5 % off below it, as much as they are above, by meshes of 1, "
+    "1.5, 2, 3 and 4 times the band and tetrahedra",
+)  # fmt: skip
 NOT_LINEAR = _enter(
     "NOT_LINEAR", 0.1, "evidence of a fit",
     "Score beside a fit that may be its own non-linear part", "assumed",

@@ -11,7 +11,7 @@ from scipy.special import logsumexp
 from .error_model import Change, ErrorModel
 
 FREE = (0.01, 0.03, 0.1)  # the same, of each cell, where all cells are free; one for all
-TOGETHER = 16  # bodies that are scored at once, for the memory they need
+TOGETHER = 64  # bodies that are scored at once, for the memory they need
 DIRECTIONS = 300  # of unrestricted changes, at most
 LEAST = 1e-6  # of the energy of the largest direction, below which another one is left out
 DIAGONAL = 1.73  # of a cube, over its edge
@@ -37,11 +37,18 @@ class Places:
     shapes: np.ndarray
     names: tuple[str, ...] = ()
 
-    def spread(self, reach: float) -> "Places":
-        """Return bodies around the centres, whose change falls as a Gaussian of a reach in m."""
-        apart = np.linalg.norm(self.centres[:, None] - self.centres, axis=2)
+    def around(self, places: np.ndarray, reach: float) -> np.ndarray:
+        """Return the changes of motion by bodies at places (n, 3) in m, (n, n_kinds, ...).
+
+        Their changes of properties fall as a Gaussian of a reach in m.
+        """
+        apart = np.linalg.norm(places[:, None] - self.centres, axis=2)
         weight = np.exp(-0.5 * (apart / reach) ** 2).astype(np.float32)
-        return replace(self, shapes=np.tensordot(weight, self.shapes, 1))
+        return np.tensordot(weight, self.shapes, 1)
+
+    def spread(self, reach: float) -> "Places":
+        """Return bodies of a reach in m around the centres."""
+        return replace(self, shapes=self.around(self.centres, reach))
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,6 +16,7 @@ from .records import Band
 UNCORRECTED, SOURCE = 0.3, 0.01
 UNEVEN = {SPEED: 0.003, STIFFNESS: 0.05}
 GROUND, TRANSFER, HOLES = "ground", "transfer", "holes"  # groups with levels of their own
+LAW = "law"
 SCATTER = "scatter"
 # Of a survey that is designed, in s, rad or shares of the motion: theory.md (7.14), (7.16).
 DESIGN_LEVELS = {
@@ -23,7 +24,7 @@ DESIGN_LEVELS = {
     SCATTER: 0.1,
 }  # fmt: skip
 N_MODES = 3
-N_TRANSFER = 6
+N_TRANSFER, N_LAW = 6, 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -401,6 +402,28 @@ def transfer_columns(motion, band: Band, n_modes: int = N_TRANSFER) -> Nuisances
         for r, c in np.ndindex(energy.shape)
     ]
     return moving_columns({TRANSFER: columns}, parts.shape[1:])
+
+
+def law_columns(change, band: Band, share: float) -> Nuisances:
+    """Build the columns of the error of a law: smooth over frequency, the same in all records.
+
+    Parameters
+    ----------
+    change : (n_blasts, n_receivers, 3, n_samples) float64, m/s
+        Of the motion, by an effect that follows the law.
+    band : Band
+    share : float
+        Energy of the error over that of the change.
+
+    Returns
+    -------
+    Nuisances
+        Of group ``law``; together they have the energy of the error.
+    """
+    parts = shaped(change, band, range(N_LAW), (1.0, 1j))
+    size = max(np.sum(parts**2), np.finfo(float).tiny)
+    parts *= np.sqrt(share * np.sum(band.project(change) ** 2) / size)
+    return moving_columns({LAW: list(parts)}, parts.shape[1:])
 
 
 @dataclass(frozen=True, eq=False)

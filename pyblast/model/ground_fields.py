@@ -165,7 +165,7 @@ class Heterogeneity:
         return np.fft.ifftn(amplitude * np.fft.fftn(noise)).real
 
 
-GroundField = Gradient | DamagedZone | Heterogeneity
+GroundField = Gradient | DamagedZone | Body | Heterogeneity
 
 
 def damaged_group(mesh: Mesh, zone: DamagedZone, radius: float, name: str = "damaged") -> Mesh:

@@ -140,7 +140,7 @@ class Model:
     receivers : sequence of Receiver
     sponge : SpongeLayer, optional
         Damped ground around a model of tetrahedra.
-    ground : sequence of Gradient, DamagedZone or Heterogeneity
+    ground : sequence of Gradient, DamagedZone, Body or Heterogeneity
         Fields of factors on the wave speeds.
     insitu : InSitu, optional
         In-situ stress; a static stage then precedes the dynamic one.

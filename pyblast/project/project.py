@@ -13,6 +13,7 @@ from ..blasts.blast import Blast, Firing
 from ..config.config import Config, check_config, read_config
 from ..config.ground import BoundariesConfig, GroundConfig, MeshConfig
 from ..config.section import changed_tables, value_at
+from ..core import JOINT_LAWS
 from ..errors import Finding, InputError, named_error
 from ..ground.ground import Ground
 from ..ground.surface import welded_surfaces
@@ -42,6 +43,7 @@ from ..simulation.estimate import Cost, beyond_budget, estimate
 from ..simulation.recipe import (
     BETTER,
     FINER_ERROR,
+    HARMONICS,
     OF_FITS,
     Meshed,
     Stations,
@@ -93,7 +95,7 @@ class Project:
         One for each joint surface of the mesh.
     survey : Survey
         The shot of this file, then those of `with_further`, with receivers and recordings.
-    fields : tuple of Gradient, DamagedZone or Heterogeneity
+    fields : tuple of Gradient, DamagedZone, Body or Heterogeneity
         Factors on the wave speeds beside those of the table [ground].
     terrain : (n, 3) or (n, 3, 3) float64, m, optional
         Surveyed top surface, or its triangles, in place of that of the file.
@@ -295,8 +297,12 @@ class Project:
     def for_band(self, highest: float, accuracy: float = OF_FITS) -> MeshConfig:
         """Return the table of the mesh on which records are fitted up to a frequency in Hz.
 
-        That of `sizes_for_band` where the ground takes hexahedra, else that of the file.
+        That of `sizes_for_band` where the ground takes hexahedra, else that of the file. Joints
+        of laws that are not linear make harmonics, which hexahedra carry up to `HARMONICS` times
+        that frequency.
         """
+        if not all(JOINT_LAWS[joint.law].linear for joint in self.joints):
+            highest *= HARMONICS
         fitted = sizes_for_band(self.ground, highest, accuracy)
         plain = self.config.mesh.model_copy(update={"near_source_work": fitted.near_source_work})
         if fitted == plain:

@@ -287,6 +287,8 @@ def _why_not(summary):
             f"{evidence['open_set']:.2g} of the evidence of sources anywhere in the ground"
         )
     reason = "does not predict held-out records"
+    if tested["improves"] and summary["fails"]:
+        return f"the cause is outside of the library: {summary['fails'][-1]}"
     if tested["improves"]:
         reason = "leaves too much unexplained"
     elif not tested["subsets"]:

@@ -178,7 +178,9 @@ def source_figure(histories, top) -> dict:
 
 
 def section_figure(result, north):
-    """Draw a vertical section: materials, joints, faults, receivers.
+    """Draw a vertical section of the model: materials, joints, faults, receivers.
+
+    Without the ground beyond it, in which waves are absorbed and faults stand upright.
 
     Parameters
     ----------
@@ -188,7 +190,8 @@ def section_figure(result, north):
     """
     mesh, summary = result.arrays["mesh"], result.summary
     polygons, zone = section_of_zones(mesh["points"], mesh["zones"], north)
-    width, height = np.ptp(mesh["points"][:, 0]), np.ptp(mesh["points"][:, 2])
+    (west, east), _, (low, high) = summary["extent"]
+    width, height = east - west, high - low
     figure = _figure(9.6, float(np.clip(8.4 * height / width + 1.0, 2.6, 7.0)))
     axes = figure.subplots()
     patches = PolyCollection(polygons, linewidths=0.15, edgecolors=(1.0, 1.0, 1.0, 0.35))
@@ -201,8 +204,8 @@ def section_figure(result, north):
     _draw_joints(axes, result, north)
     _draw_receivers(axes, summary, mesh["points"])
     axes.set_aspect("equal")
-    axes.margins(0.03, 0.1)
-    axes.autoscale_view()
+    axes.set_xlim(west - 0.03 * width, east + 0.03 * width)
+    axes.set_ylim(low, high + 0.1 * height)
     axes.spines[["top", "right"]].set_visible(False)
     axes.set_xlabel("east [m]")
     axes.set_ylabel("height [m]")

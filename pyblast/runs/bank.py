@@ -8,6 +8,7 @@ from functools import cached_property, partial
 import numpy as np
 
 from ..errors import InputError
+from ..mesh.mesh import locate_in_zones
 from ..model.model import Model
 from ..signals.seismogram import Seismogram
 from ..solver.preparation import peak_interval, prepare
@@ -16,10 +17,10 @@ from .greens import in_components, receiver_forces, receiver_loads
 from .parallel import at_rest
 
 DECAY = np.log(300.0)  # of the damped transform over its period
-LONGER = 1.05  # period over duration
+LONGER = 1.5  # period over duration
 TAPER = 1.2, 1.6  # times the highest frequency of interest, between which spectra end
 TOGETHER = 48  # samples that are transformed at once
-MOST_BYTES = 2e9  # of the fields of a bank and of the products of these in octants
+MOST_BYTES = 2e9  # of the fields of a bank and of the products of these in parts of zones
 
 
 @dataclass(frozen=True)
@@ -120,9 +121,9 @@ class Bank:
         Its mesh, its ground and its receivers.
     transform : DampedTransform
     zones : (n_zones,) int
-        Zones whose nodes are kept.
+        Zones outside of the absorbing layer, whose nodes are kept.
     nodes : (n_nodes,) int
-        Those nodes, ascending.
+        Those nodes, and those around further places, ascending.
     shots : (n_shots, n_frequencies, n_nodes, 3) complex64, m/s times s
         Velocity by each shot.
     forces : (n_forces, n_frequencies, n_nodes, 3) complex64, m/N
@@ -146,10 +147,20 @@ class Bank:
         return row
 
     @cached_property
-    def _measured(self):
+    def measured(self) -> np.ndarray:
         """Matrices (n_receivers, 3, 3) from motion along east, north, up to what is measured."""
         axes = Seismogram(np.eye(3), 1.0, 0.0, "")
         return np.array([np.nan_to_num(r.measured(axes).velocity) for r in self.model.receivers])
+
+    def at_places(self, places: np.ndarray) -> np.ndarray:
+        """Return the spectra (n_shots, n, 3, n_frequencies) of the velocity at places (n, 3) in m.
+
+        Along east, north, up. The places lie in zones that are kept.
+        """
+        zone, local = locate_in_zones(self.model.mesh, places)
+        rows = self.row[self.model.nodes.zone_nodes[zone]]
+        weights = self.model.nodes.shapes(local).astype(np.float32)
+        return np.einsum("pa,bkpai->bpik", weights, self.shots[:, :, rows], optimize=True)
 
     def by_receiver(self, spectra: np.ndarray) -> np.ndarray:
         """Return spectra (..., n_forces, n_frequencies) as the receivers measure the motion.
@@ -160,7 +171,7 @@ class Bank:
         """
         flat = spectra.reshape(-1, *spectra.shape[-2:]).swapaxes(0, 1)
         own = in_components(self.model.receivers, receiver_forces(self.model.receivers), flat)
-        own = np.einsum("nrkf,rkc->nrcf", own, self._measured)
+        own = np.einsum("nrkf,rkc->nrcf", own, self.measured)
         return own.reshape(*spectra.shape[:-2], *own.shape[1:])
 
 
@@ -168,6 +179,7 @@ def bank_of(
     models: Sequence[Model],
     duration: float,
     highest: float,
+    places: np.ndarray | None = None,
     *,
     executor: Executor | None = None,
     progress: Callable = lambda *_: None,
@@ -181,6 +193,8 @@ def bank_of(
     duration : float, s
     highest : float, Hz
         Highest frequency of interest.
+    places : (n, 3) float64, m, optional
+        Where fields are kept, too, in the absorbing layer as well.
     executor : Executor, optional
         As for `run_all`.
     progress : callable, optional
@@ -209,8 +223,9 @@ def bank_of(
         raise InputError("bank: the zones are tetrahedra; fields are kept in hexahedra alone")
     transform = DampedTransform(duration, highest)
     zones, axes = _kept_zones(model), receiver_forces(model.receivers)
-    nodes = np.unique(model.nodes.zone_nodes[zones])
-    both = 24.0 * (len(models) + len(axes)) + 3.0 * len(models) * len(axes)  # and of octants
+    others = zones[:0] if places is None else locate_in_zones(model.mesh, places)[0]
+    nodes = np.unique(model.nodes.zone_nodes[np.concatenate([zones, others])])
+    both = 24.0 * (len(models) + len(axes)) + 10.0 * len(models) * len(axes)  # and of 27 parts
     needed = both * len(transform.s) * len(nodes)
     if needed > MOST_BYTES:
         raise InputError(

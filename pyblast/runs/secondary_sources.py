@@ -14,7 +14,7 @@ from .greens import PointSource, history, unit_loads, unit_source
 SAMPLES = 64  # of a history per period of the highest frequency
 TOGETHER = 48  # zones at once, for the memory they need
 STEEP = 0.9  # vertical part of a normal, above which a joint is nearly level
-MIDDLE = 1e-9  # reference coordinates of a node that octants share
+THIRD = 1.0 / 3.0  # of an edge, in reference coordinates
 ONE = np.ones(1, np.float32)
 DOUBLED = np.array([1.0, 1.0, 1.0, 0.5, 0.5, 0.5], np.float32)  # e : e of engineering strains
 STRAINS = ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))
@@ -44,10 +44,10 @@ class SecondarySources:
 def by_rock(bank: Bank) -> SecondarySources:
     """Return the changes of motion by wave speeds and density of the rock, cell by cell.
 
-    Cells are the octants of the zones of a bank. Properties are those of `ROCK`: logarithms of cp
-    and of cs at one density, and of the density at one stiffness; theory.md (9.11).
+    Cells are thirds of the edges of the zones of a bank. Properties are those of `ROCK`: logarithms
+    of cp and of cs at one density, and of the density at one stiffness; theory.md (9.11).
     """
-    model, shares = bank.model, _octants(bank.model.mesh.order)
+    model, shares = bank.model, _parts(bank.model.mesh.order)
     density, cp, cs = (model.zone_values(name)[bank.zones] for name in ("density", "cp", "cs"))
     stretch, shear = density * cp**2, density * cs**2
     weights = model.nodes.volumes[bank.zones][:, None] * shares
@@ -68,18 +68,19 @@ def by_rock(bank: Bank) -> SecondarySources:
     return SecondarySources(centres.reshape(-1, 3), sizes.ravel(), flat)
 
 
-def _octants(order):
-    """Return the share (8, (order + 1)^3) of the nodes of a zone in its octants."""
+def _parts(order):
+    """Return which of the nodes of a zone lie in each of its parts, (n_parts, (order + 1)^3)."""
     points, _ = hexahedra.lobatto(order)
-    lower = np.where(points < -MIDDLE, 1.0, np.where(points > MIDDLE, 0.0, 0.5))
-    halves = np.array([lower, 1.0 - lower])
-    return np.einsum("ck,bj,ai->cbakji", halves, halves, halves).reshape(8, -1)
+    thirds = np.array([points < -THIRD, np.abs(points) <= THIRD, points > THIRD], float)
+    own = thirds[thirds.any(axis=1)]
+    n = len(own) ** 3
+    return np.einsum("ck,bj,ai->cbakji", own, own, own).reshape(n, -1)
 
 
 def _products(bank, weights) -> Iterator[tuple[slice, int, tuple]]:
-    """Yield zones, frequency, and the products of the fields of forces and shots in each octant.
+    """Yield zones, frequency, and the products of the fields of forces and shots in each part.
 
-    Of dilations, of strains and of motions, each (n_zones, 8, n_forces, n_shots).
+    Of dilations, of strains and of motions, each (n_zones, n_parts, n_forces, n_shots).
     """
     nodes, n_forces = bank.model.nodes, len(bank.forces)
     for first in range(0, len(bank.zones), TOGETHER):
@@ -95,22 +96,22 @@ def _products(bank, weights) -> Iterator[tuple[slice, int, tuple]]:
                 own,
                 k,
                 tuple(
-                    _in_octants(each[:n_forces], each[n_forces:] * scale, weights[own])
+                    _in_parts(each[:n_forces], each[n_forces:] * scale, weights[own])
                     for each, scale in ((dilation, ONE), (strain, DOUBLED), (field, ONE))
                 ),
             )
 
 
-def _in_octants(forces, shots, weights):
-    """Return the integrals (n_zones, 8, n_forces, n_shots) of products of two fields."""
+def _in_parts(forces, shots, weights):
+    """Return the integrals (n_zones, n_parts, n_forces, n_shots) of products of two fields."""
     forces, shots = forces.swapaxes(0, 1), shots.swapaxes(0, 1)  # zones first
     (n_zones, n_forces), n_shots = forces.shape[:2], shots.shape[1]
     whole = np.empty((n_zones, weights.shape[1], n_forces, n_shots), np.complex64)
-    for octant in range(weights.shape[1]):
-        used = np.flatnonzero(weights[0, octant])
-        weighted = shots[:, :, used] * weights[:, None, octant, used, None].astype(np.float32)
+    for part in range(weights.shape[1]):
+        used = np.flatnonzero(weights[0, part])
+        weighted = shots[:, :, used] * weights[:, None, part, used, None].astype(np.float32)
         first = forces[:, :, used].reshape(n_zones, n_forces, -1)
-        whole[:, octant] = first @ weighted.reshape(n_zones, n_shots, -1).swapaxes(1, 2)
+        whole[:, part] = first @ weighted.reshape(n_zones, n_shots, -1).swapaxes(1, 2)
     return whole
 
 

@@ -42,6 +42,7 @@ BUILDERS: dict[str, Builder] = {
 NODES_FOR_ONE_PER_CENT = {2: 9.0, 3: 5.9, 4: 4.6, 5: 4.3, 6: 4.0, 7: 4.0, 8: 4.1}
 WAVELENGTHS = 3.0
 OF_FITS, ORDER_OF_FITS = 0.015, 4  # by that rule: 0.1 to 1 % of the energy of a whole band
+HARMONICS = 1.5  # times the highest frequency: carried where joints close or slip
 BETTER = 0.04  # error of the better mesh over that of the working mesh
 FINER_ERROR = 0.2  # of the mesh that estimates this error, over that of fits
 LINEAR_EDGE = 0.6  # of linear zones where a law needs them, over that of quadratic ones

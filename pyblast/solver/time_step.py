@@ -212,7 +212,8 @@ def critical_step_of_hexahedra(
     -----
     Lanczos on the assembled zones and joints, these with their stiffest springs: theory.md (2.48).
     The viscosity of the absorbing layer counts with the largest frequency of its own zones. Of
-    line-implicit zones the bound (2.57) holds, with a part of their mass; the rest has that left.
+    line-implicit zones the bound (2.57) holds, with a part of their mass, and its viscosity; the
+    rest has the mass that is left.
     """
     bounds = steps_of_zones(model)
     implicit = line_zones(model, bounds)
@@ -223,7 +224,12 @@ def critical_step_of_hexahedra(
     squared = largest_eigenvalue(with_joints(model, product_of(mass, *active), mass), mass)
     drag = float((2.0 * viscosity / mass).max())
     beta = float(model.group_damping("beta").max())
-    own, of_layer = in_layer(model).any(axis=1) & ~implicit, np.inf
+    within = in_layer(model).any(axis=1)
+    if (within & implicit).any():
+        lag = beta + float(layer_lags(model, np.flatnonzero(within & implicit)).max())
+        across = (2.0 / float(bounds[1][within & implicit].min())) ** 2
+        of_lines = min(of_lines, longest_step(across, 0.0, lag))
+    own, of_layer = within & ~implicit, np.inf
     if own.any():
         lag = beta + float(layer_lags(model, np.flatnonzero(own)).max())
         of_layer = longest_step(largest_eigenvalue(product_of(mass, own), mass), drag, lag)

@@ -19,7 +19,8 @@ from ..diagnosis.case import Case, case_of
 from ..diagnosis.decision import FINER_MESH, Decision, beside_held_out, decide, undecided
 from ..diagnosis.effects import HOLES, Scene, at_further, effects_of, predict
 from ..diagnosis.fitting import fit_calibrated
-from ..diagnosis.forward import hole_motion, simulation_of
+from ..diagnosis.forward import hole_motion, simulation_of, stored_fields
+from ..diagnosis.hypotheses import LIBRARY
 from ..diagnosis.mistakes import mistakes_of
 from ..diagnosis.search import Search, search
 from ..diagnosis.summary import held_out_blasts, known_so_far, not_computed, summarise_diagnosis
@@ -62,7 +63,7 @@ class Diagnosis:
     summary: dict
 
 
-MISTAKES = "mistakes in the records"
+MISTAKES, FIELDS = "mistakes in the records", "fields of shots and receivers"
 
 
 def diagnose(
@@ -213,11 +214,15 @@ def prepared(
     if baseline is None:
         finer, baseline = None, calibrate(case, simulation, None, calibrated)
     progress("holes", 0, 1)
-    holes = {}
-    if not wrong:
+    holes, fields = {}, None
+    if not wrong and any(h.stored and not h.untestable(case) for h in LIBRARY.values()):
+        with contained(failures, FIELDS):
+            fields = stored_fields(simulation, case, baseline.project, progress)
+            holes = fields.holes
+    if not wrong and fields is None:
         with contained(failures, HOLES):
             holes = hole_motion(simulation, case, baseline.project)
-    return Scene(simulation, baseline, holes, failures), finer
+    return Scene(simulation, baseline, holes, failures, fields=fields), finer
 
 
 def _checking(checks, folder, executor, case):

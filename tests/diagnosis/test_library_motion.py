@@ -5,16 +5,19 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from grounds import case_on
 from library_scene import applied, received, scene, sent, shared
 from scipy import fft
 from small_site import DT, SAMPLES, small_site
 
+from pyblast.config.ground import LayerConfig
 from pyblast.diagnosis.effects import Effect, Scene
 from pyblast.diagnosis.forward import simulation_of
 from pyblast.diagnosis.hypotheses import LIBRARY
 from pyblast.diagnosis.library import air
-from pyblast.diagnosis.library.air import flat_layers_of, ground_response
+from pyblast.diagnosis.library.air import ground_response, layers_under
 from pyblast.model.material import Material
+from pyblast.project.places import on_ground
 
 
 def test_a_misfire_takes_away_what_its_hole_sends():
@@ -127,11 +130,51 @@ def test_ground_under_running_pressure_moves_as_the_closed_form_says(monkeypatch
 
 
 def test_running_pressure_is_felt_less_at_depth():
-    layers = flat_layers_of(small_site())
+    layers = layers_under(small_site(), 60.0, 45.0)
     up = abs(ground_response(layers, 340.0, [0.0, 5.0, 20.0], np.array([10.0, 20.0]))[:, 1])
 
     assert np.all(np.diff(up, axis=0) < 0.0)
     assert np.all(up[2] < 0.2 * up[0])
+
+
+def test_layers_under_a_receiver_are_those_of_the_ground_there():
+    rock = small_site().materials["rock"]
+    clay = Material.from_speeds(1900.0, 900.0, 250.0)
+    mesh = small_site().config.mesh
+    layers = [LayerConfig(material="clay", thickness_m=7.5), LayerConfig(material="rock")]
+    site = small_site().changed(
+        mesh=mesh.model_copy(update={"layers": layers}), materials={"rock": rock, "clay": clay}
+    )
+    (thickness, top), (rest, below) = layers_under(site, 20.0, 80.0)
+
+    assert (thickness, rest) == (pytest.approx(7.5, abs=1e-6), None)
+    assert (top, below) == (clay, rock)
+
+
+@pytest.mark.parametrize("ground", ["bench", "survey"])
+def test_air_runs_over_benches_and_hills_as_over_level_ground(ground):
+    case = case_on(ground)
+    knobs = {"pressure": 1e3, "period": 0.04, "speed": 340.0, "decay": 1.0, "radial": 1.0}
+    still = np.zeros(case.motion.shape)
+    change = LIBRARY["air_blast"].apply(SimpleNamespace(case=case), still, "", **knobs)
+    stations = {r.name: r.position for r in case.project.receivers}
+    level = LIBRARY["air_blast"].apply(
+        SimpleNamespace(case=lifted(case, stations)), still, "", **knobs
+    )
+
+    assert not LIBRARY["air_blast"].untestable(case)
+    assert np.abs(change).max() > 0.0
+    assert shared(change, level) < 1e-6  # the same rock under every receiver
+
+
+def lifted(case, stations):
+    """Return a case of level ground with its receivers as deep below it."""
+    tops = {name: on_ground(case.project.mesh, place[:2])[2] for name, place in stations.items()}
+    moved = tuple(
+        replace(r, position=(*r.position[:2], r.position[2] - tops[r.name]))
+        for r in case.project.receivers
+    )
+    return replace(case, project=small_site().changed(receivers=moved))
 
 
 def test_air_waves_arrive_after_their_way_and_die_with_it():

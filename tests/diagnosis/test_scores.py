@@ -251,6 +251,18 @@ def test_ground_whose_price_is_much_of_what_the_budget_leaves_is_not_meshed(seco
     assert (len(scene.case.project.meshes) > meshes) == tried
 
 
+def test_an_effect_of_which_a_run_was_paid_is_fitted_when_the_budget_is_spent():
+    scene = scene_of(recorded(small_site()))
+    soft = [Effect("soft_surface_layer", "", ((5.0,), (slower,))) for slower in (0.4, 0.5)]
+
+    scene.simulate([(np.zeros(4), soft[:1])], [0])
+    scene.budget = 0.0
+    (motion,) = scene.simulate([(np.zeros(4), soft[1:])], [0])
+
+    assert motion is not None
+    assert not scene.failures
+
+
 def test_no_member_waits_for_a_dearer_one_that_is_a_later_value_of_its_hypothesis():
     scene = scores("nothing").scene
     hypotheses = [LIBRARY[name] for name in ("soft_surface_layer", "joint_viscous_fill")]

@@ -18,7 +18,7 @@ from pyblast.inference.error_model import (
     Level,
     Levels,
 )
-from pyblast.inference.nuisances import Nuisances, shift_columns, transfer_columns
+from pyblast.inference.nuisances import Nuisances, law_columns, shift_columns, transfer_columns
 from pyblast.inference.records import Noise, Records
 
 AT = Level(1e-3, 1e-5)
@@ -324,3 +324,20 @@ def test_the_error_of_one_blast_is_that_of_its_records(shared):
     own = of_all(error)[-size:, -size:]
     density = stats.multivariate_normal.logpdf(residual[1].ravel(), cov=own)
     assert evidence == pytest.approx(density + 0.5 * size * np.log(2.0 * np.pi), rel=1e-9)
+
+
+def test_the_error_of_a_law_does_not_average_over_its_records():
+    motion, blocks, _, band = problem_in()
+    change, share = 0.3 * motion, 0.04
+    columns = law_columns(change, band, share)
+    slope, prior = band.project(change)[None], np.array([10.0])
+
+    deviations = []
+    for noise in (1.0, 1e-8):  # as of one record, and of very many
+        quiet = replace(blocks, noise=noise * blocks.noise)
+        error = ErrorModel(quiet, columns, only(Level(1e-9)))
+        deviations.append(error.posterior(0.0 * slope[0], slope, prior).deviation[0])
+
+    assert np.sum(columns.columns**2) == pytest.approx(share * np.sum(slope**2))
+    assert deviations[1] > 0.5 * np.sqrt(share / 8.0)
+    assert deviations[1] < deviations[0]

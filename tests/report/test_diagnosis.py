@@ -382,7 +382,7 @@ def test_what_is_unknown_though_the_misfit_is_small_says_why(deviation, said):
 
 def test_an_unknown_says_first_what_was_not_asked_and_how_its_residual_runs():
     found, summary = made("UNKNOWN")
-    why = "the ground is not flat: give flat [[mesh.layers]]"
+    why = "the project has [air_blast], and every run has it"
     rows = [
         {"label": "air_blast", "targets": [], "reason": why},
         {"label": "side", "targets": [], "reason": "every side is a cut"},

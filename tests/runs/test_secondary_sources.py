@@ -6,6 +6,7 @@ from functools import cache
 import numpy as np
 import pytest
 from open_box import ROCK, H, open_box
+from scipy.signal import butter, sosfiltfilt
 
 from pyblast.errors import InputError
 from pyblast.mesh.builder import structured_box
@@ -61,6 +62,18 @@ def low_passed(model_of, *asked):
 
 def misfit(one, other):
     return np.linalg.norm(one - other) / np.linalg.norm(other)
+
+
+def test_motion_returns_from_its_damped_transform_to_the_end_of_the_record():
+    """The end of a record is weighed least, and what leaks into it from its begin is amplified."""
+    run = simulate(placed(0), DURATION)
+    (record, *_), back = run.seismograms.values(), bank().transform.back(TIMES)
+    kernel = bank().transform.kernel(record.times, run.dt)
+    returned = np.real((kernel @ record.velocity).T @ back)
+    motion = np.array([np.interp(TIMES, record.times, each) for each in record.velocity.T])
+    low = butter(4, 0.8 * HIGHEST, fs=1.0 / 0.004, output="sos")
+    in_band = [sosfiltfilt(low, each, axis=-1) for each in (returned, motion)]
+    assert misfit(*in_band) < 0.005
 
 
 def softened(share):

@@ -1,11 +1,14 @@
 """Air blast: a pressure wave that travels over layered ground (theory.md 5.14)."""
 
 from itertools import pairwise
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from scipy import fft
 
+from ...mesh.mesh import locate_in_zones
 from ...model.material import Material
+from ...project.places import extent_of, on_ground
 from ...project.project import Project
 from ..hypotheses import air_over_layers, hypothesis
 
@@ -106,12 +109,59 @@ class _Layer:
         return rows / k * np.exp(-self.s * distance)
 
 
-def flat_layers_of(project: Project) -> list[tuple[float | None, Material]]:
-    """Return thickness in m and material of the layers of a project; None for the half-space."""
-    layers = project.config.mesh.layers
-    thicknesses = [*(layer.thickness_m for layer in layers[:-1]), None]
-    names = [layer.material for layer in layers]
-    return [(t, project.materials[name]) for t, name in zip(thicknesses, names, strict=True)]
+SAMPLED = 100  # heights from the ground to the bottom at which the material is looked up
+HALVINGS = 40  # of the height between two of them, to the interface of layers
+
+
+def layers_under(project: Project, x: float, y: float) -> list[tuple[float | None, Material]]:
+    """Return thickness in m and material of the layers below the ground at a place.
+
+    From the ground down, None for the thickness of the lowest; layers thinner than a hundredth of
+    the depth of the model may be missed.
+
+    Raises
+    ------
+    InputError
+        If there is no ground there.
+    """
+    mesh, bottom = project.mesh, extent_of(project)[2, 0]
+    top = on_ground(mesh, (x, y))[2]
+
+    def group(depths):
+        places = [(x, y, top - depth) for depth in np.atleast_1d(depths)]
+        return mesh.zone_group[locate_in_zones(mesh, places)[0]]
+
+    depths = (np.arange(SAMPLED) + 0.5) / SAMPLED * (top - bottom)
+    own, layers, above = group(depths), [], 0.0
+    for k in np.flatnonzero(np.diff(own)):
+        over, under = depths[k], depths[k + 1]
+        for _ in range(HALVINGS):
+            middle = 0.5 * (over + under)
+            over, under = (middle, under) if group(middle)[0] == own[k] else (over, middle)
+        layers.append((float(over - above), project.materials[mesh.groups[own[k]]]))
+        above = over
+    return [*layers, (None, project.materials[mesh.groups[own[-1]]])]
+
+
+_COLUMNS: WeakKeyDictionary = WeakKeyDictionary()  # of each case
+
+
+def _columns(case):
+    """Return the receivers of a case over the same layers, with these and their depths in m."""
+    if case not in _COLUMNS:
+        project, rows = case.project, {}
+        stations = {r.name: r.position for r in project.receivers}
+        for r, name in enumerate(case.receivers):
+            x, y, z = stations[name]
+            layers = tuple(layers_under(project, x, y))
+            key = tuple((t and round(t, 6), rock) for t, rock in layers)
+            depth = on_ground(project.mesh, (x, y))[2] - z
+            known = next((row for row in rows.values() if row[0] == key), None)
+            known = rows.setdefault(r, (key, layers, [], [])) if known is None else known
+            known[2].append(r)
+            known[3].append(depth)
+        _COLUMNS[case] = [row[1:] for row in rows.values()]
+    return _COLUMNS[case]
 
 
 AFAR = 100.0  # m: where the pressure of 1 kg is given
@@ -129,7 +179,11 @@ AHEAD = 3.0  # widths of the pulse before its middle that it begins
     simulated=(air_over_layers,),
 )
 def air_blast(scene, motion, target, pressure, period, speed, decay, radial):
-    """A pressure wave through the air runs over the ground and moves it as it passes."""
+    """A pressure wave through the air runs over the ground and moves it as it passes.
+
+    The ground around each receiver counts as level: what the wave does to it decays within a
+    wavelength in air.
+    """
     del target
     case, n = scene.case, motion.shape[-1]
     size = fft.next_fast_len(2 * n, real=True)
@@ -137,11 +191,9 @@ def air_blast(scene, motion, target, pressure, period, speed, decay, radial):
     pulse = pressure * pulse_spectrum(frequency, period)
     positions = {r.name: np.array(r.position) for r in case.project.receivers}
     axes = {r.name: r.azimuth for r in case.project.receivers}
-    mesh = case.project.config.mesh
-    top = mesh.origin_m[2] + mesh.size_m[2]
-    depths = [top - positions[name][2] for name in case.receivers]
-    moved = np.zeros((len(depths), 2, len(frequency)), complex)
-    moved[..., 1:] = ground_response(flat_layers_of(case.project), speed, depths, frequency[1:])
+    moved = np.zeros((len(case.receivers), 2, len(frequency)), complex)
+    for layers, own, depths in _columns(case):
+        moved[own, :, 1:] = ground_response(layers, speed, depths, frequency[1:])
     moved *= pulse / case.dt
     moved[:, 0] *= radial
     change = np.empty_like(motion)

@@ -1,6 +1,7 @@
-"""Ground that differs from the model: soft layers, damaged zones, unlisted joints."""
+"""Ground that differs from the model: soft layers, bodies, unlisted joints."""
 
 import math
+import re
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -11,16 +12,20 @@ from ...config.section import value_at
 from ...errors import InputError
 from ...ground.tables import is_anisotropic, quality_of
 from ...model.anisotropy import anisotropic, jointed, stiffness_of
+from ...model.ground_fields import Body
 from ...model.joint import Joint
 from ...model.material import ConstantQ, Material
-from ...project.places import extent_of
+from ...project.places import extent_of, on_ground
 from ...project.project import Project
 from ...project.uncertain_ground import scaled_material
+from ...runs.secondary_sources import ROCK
+from ..forward import quarter_wave
 from ..hypotheses import (
     PRIORS,
     elastic_materials,
     ground_without_loss,
     hypothesis,
+    kept_fields,
     receivers_with_space,
     remeshable,
     space_around_receivers,
@@ -447,6 +452,98 @@ def water_table(project, target, depth, faster):
     if is_anisotropic(project.materials):
         return None
     return _saturated(project, depth, faster)
+
+
+APART = 1.25  # quarter waves between places, in each direction
+MOST_PLACES = 250  # of which more would be farther apart
+SHORTEST = 2.0  # m, of a quarter wave, for bodies of metres
+WIDE = 0.75  # reach of a body over the distance of places
+NEARLY_VOID = 0.35  # of the speed of the rock, at most
+
+
+def waves_of_metres(case):
+    """Require waves that bodies of metres can scatter."""
+    length = quarter_wave(case.project, case)
+    if length >= SHORTEST:
+        return ""
+    return f"a quarter of the shortest wave is {length:.2g} m: a body is sought in ground of metres"
+
+
+def _grid(case):
+    """Return the places (n, 3) in m of bodies, in the ground, and how far they are apart."""
+    project = case.project
+    box = extent_of(project)
+    size = np.ptp(box, axis=1)
+    apart = max(APART * quarter_wave(project, case), (size.prod() / MOST_PLACES) ** (1.0 / 3.0))
+    axes = [
+        low + (np.arange(n) + 0.5) * length / n
+        for (low, _), length, n in zip(box, size, np.ceil(size / apart).astype(int), strict=True)
+    ]
+    grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
+    if "top" in project.mesh.surfaces:
+        tops = [on_ground(project.mesh, at)[2] for at in grid[:, :, 0, :2].reshape(-1, 2)]
+        inside = grid[..., 2] < np.reshape(tops, grid.shape[:2])[..., None]
+        return grid[inside], apart
+    return grid.reshape(-1, 3), apart
+
+
+def places_of_bodies(case):
+    """Name places in the ground, a little more than a quarter of the shortest wave apart."""
+    return tuple(f"east {x:.0f}, north {y:.0f}, height {z:.0f}" for x, y, z in _grid(case)[0])
+
+
+def _centre(target, east=0.0, north=0.0, up=0.0):
+    """Return the place (3,) in m of a target, moved."""
+    centre = np.array([float(number) for number in re.findall(r"-?\d+", target)])
+    return centre + np.array([east, north, up])
+
+
+def body_at(target, east, north, up, change, **_):
+    """Return the fitted place of a body, and what it is.
+
+    Examples
+    --------
+    >>> body_at("east 50, north 60, height -20", 4.0, 0.0, -3.0, -0.5)
+    'east 54, north 60, height -23 (soft, speeds 39 % lower)'
+    """
+    x, y, z = _centre(target, east, north, up)
+    percent = 100.0 * np.expm1(change)
+    kind = "stiff" if change > 0.0 else "soft" if np.exp(change) > NEARLY_VOID else "nearly void"
+    side = "higher" if change > 0.0 else "lower"
+    return (
+        f"east {x:.0f}, north {y:.0f}, height {z:.0f} ({kind}, speeds {abs(percent):.0f} % {side})"
+    )
+
+
+def _by_fields(scene):
+    """Return the values of a body and its change of motion at each place, to first order."""
+    change, reach = PRIORS["body"][3].sigma, WIDE * _grid(scene.case)[1]
+    places = np.array([_centre(target) for target in places_of_bodies(scene.case)])
+    shapes = scene.secondary_places[0].around(places, reach)
+    speeds = shapes[:, ROCK.index("cp")] + shapes[:, ROCK.index("cs")]
+    return (0.0, 0.0, 0.0, change, reach), change * speeds
+
+
+@hypothesis(
+    "body",
+    family="path",
+    on="site",
+    target="place",
+    targets=places_of_bodies,
+    axis="both",
+    decided_by="a borehole or a seismic survey there, or receivers on both sides of it",
+    described=body_at,
+    simulated=(kept_fields, waves_of_metres),
+    stored=_by_fields,
+)
+def body(project, target, east, north, up, change, reach):
+    """Softer or stiffer rock, or nearly a void, that the site does not list lies at this place."""
+    centre = _centre(target, east, north, up)
+    box = extent_of(project)
+    if np.any(centre < box[:, 0]) or np.any(centre > box[:, 1]):
+        return None
+    own = Body(tuple(centre.tolist()), change, reach)
+    return project.changed(fields=(*project.fields, own))
 
 
 @hypothesis(
