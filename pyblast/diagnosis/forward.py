@@ -23,7 +23,7 @@ from ..runs.secondary_sources import by_hole, by_joint, by_rock
 from ..simulation.estimate import cost_of
 from ..simulation.simulation import Simulation
 from .case import Case
-from .trusted_shots import shifted, with_source
+from .trusted_shots import time_shifted, with_source
 
 
 def simulation_of(
@@ -314,7 +314,7 @@ def _places(bank, sources, case, back):
     for b, r, c in np.ndindex(shapes.shape[2:5]):
         functions = case.band.functions((b, r, c))
         if case.clock is not None:
-            functions = shifted(functions.T, -case.clock[r], case.dt).T
+            functions = time_shifted(functions.T, -case.clock[r], case.dt).T
         functions = (back[b] @ functions).astype(np.complex64)
         shapes[:, :, b, r, c] = np.real(spectra[:, :, b, r, c] @ functions)
     if case.gain is not None:

@@ -40,7 +40,7 @@ def with_source(case: Case, blast: str, motion: np.ndarray) -> np.ndarray:
     if case.gain is not None:
         motion = motion * case.gain[:, None, None]
     if case.clock is not None:
-        motion = shifted(motion, case.clock[:, None], case.dt)
+        motion = time_shifted(motion, case.clock[:, None], case.dt)
     if table is None or (table.source_s is None and table.trigger_s is None):
         return motion
     b = case.blasts.index(blast)
@@ -51,7 +51,7 @@ def with_source(case: Case, blast: str, motion: np.ndarray) -> np.ndarray:
     if table.source_s is not None:
         taps = _source(recorded, simulated, case, table.source_s)
         return _filtered(motion, taps, _lags(case, table.source_s))
-    return shifted(motion, _origin(recorded, simulated, case, table.trigger_s), case.dt)
+    return time_shifted(motion, _origin(recorded, simulated, case, table.trigger_s), case.dt)
 
 
 def _in_band(case, motion):
@@ -128,7 +128,7 @@ def _origin(recorded, simulated, case, sigma):
     return float(shifts[np.argmax(score)])
 
 
-def shifted(motion: np.ndarray, shift: float | np.ndarray, dt: float) -> np.ndarray:
+def time_shifted(motion: np.ndarray, shift: float | np.ndarray, dt: float) -> np.ndarray:
     """Return motion (..., n_samples) late by shifts (...) in s; zero where nothing is known."""
     n = motion.shape[-1]
     size = fft.next_fast_len(2 * n, real=True)
@@ -162,7 +162,7 @@ def learned(case: Case, motion: np.ndarray, least: float) -> Case:
     if window is not None:
         early = _about_arrivals(motion, window, case.dt)
         clock = _clocks(case, recorded, simulated, early)
-        simulated = shifted(simulated, clock[:, None], case.dt)
+        simulated = time_shifted(simulated, clock[:, None], case.dt)
     exists, product, square = _products(early * recorded, early * simulated)
     gain = _ratio(product.sum(axis=0), square.sum(axis=0))
     usual = float(np.median(gain[exists.any(axis=0)]))
@@ -202,7 +202,9 @@ def _clocks(case, recorded, simulated, early):
     most = int(LATEST * STEPS_PER_PERIOD)
     shifts, scores = step * np.arange(-most, most + 1), []
     for shift in shifts:
-        _, product, square = _products(early * recorded, early * shifted(simulated, shift, case.dt))
+        _, product, square = _products(
+            early * recorded, early * time_shifted(simulated, shift, case.dt)
+        )
         correlation = np.abs(_ratio(product, np.sqrt(square)).sum(axis=0))
         scores.append(correlation - 0.5 * DAMPING * (shift / shifts[-1]) ** 2)
     return shifts[np.argmax(scores, axis=0)]

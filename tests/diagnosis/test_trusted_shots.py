@@ -16,7 +16,7 @@ from pyblast.diagnosis.library.instruments import (
     swapped_channels,
 )
 from pyblast.diagnosis.library.paths import loss_along_paths
-from pyblast.diagnosis.trusted_shots import explained, learned, shifted, with_source
+from pyblast.diagnosis.trusted_shots import explained, learned, time_shifted, with_source
 
 DT, N, RECEIVERS = 2e-3, 300, 8
 TIMES = DT * np.arange(N)
@@ -105,7 +105,7 @@ def echoed(scale):
 @pytest.mark.parametrize("echo", [0.0, 0.8, -1.5])
 def test_first_arrivals_tell_gains_and_clocks_whatever_comes_later(echo):
     simulated = echoed(0.8)
-    received = GAINS[:, None, None] * shifted(echoed(echo), CLOCKS[:, None], DT)
+    received = GAINS[:, None, None] * time_shifted(echoed(echo), CLOCKS[:, None], DT)
 
     taught = learned(case_of(received, **EARLY), simulated, 0.01)
 
@@ -143,7 +143,7 @@ def test_a_trusted_blast_teaches_the_case_of_the_others():
     gain, clock = np.array([1.0, 0.5, -1.5, 2.0]), 1e-3 * np.array([0.0, 5.0, -4.0, 3.0])
 
     def received(motion):
-        return gain[:, None, None] * shifted(motion, clock[:, None], small_site.DT)
+        return gain[:, None, None] * time_shifted(motion, clock[:, None], small_site.DT)
 
     case = taught(small_site.recorded(site, change=received), simulation_of)
 

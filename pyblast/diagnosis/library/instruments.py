@@ -10,7 +10,7 @@ from ..hypotheses import (
     receivers_of_several_components,
     receivers_with_axes,
 )
-from ..trusted_shots import shifted
+from ..trusted_shots import time_shifted
 
 SWAP = "two sensors that change places, or a calibration pulse"
 TAP = "a tap from a known side, or shots from three directions"
@@ -152,7 +152,7 @@ def moved_along_line(scene, motion, target, along):
     weights = (spline(stood) - spline(places[at])) / gain * gain[at]
     alike = motion
     if case.clock is not None:
-        alike = shifted(motion, (case.clock[at] - case.clock)[:, None], case.dt)
+        alike = time_shifted(motion, (case.clock[at] - case.clock)[:, None], case.dt)
     return _with(motion, at, motion[:, at] + np.einsum("r,brct->bct", weights, alike))
 
 
