@@ -122,7 +122,7 @@ def gallery(folder: Path) -> tuple[dict[str, str], dict[str, bytes]]:
 
 PROJECTS = {
     "bench": "Plan", "fractures": "Plan", "holes_inside": "Plan", "rock_mass": "Plan",
-    "water_table": "Energy",
+    "water_table": "Section",
 }  # fmt: skip
 
 

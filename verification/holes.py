@@ -42,7 +42,7 @@ OUT = Path(__file__).with_suffix(".json")
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "quality" / "diagnosis.md"
 BEGIN, END = "<!-- holes: from verification/holes.json -->", "<!-- end of holes -->"
 CP, DENSITY, PULSE, MOMENT = 4000.0, 2600.0, 6e-3, 1e11  # m/s, kg/m3, s, N m of 1 kg
-DT, SAMPLES, BAND = 2e-3, 400, (5.0, 40.0)  # s, of a record, Hz
+DT, SAMPLES, BAND = 2e-3, 200, (5.0, 40.0)  # s, of a record, Hz
 NOISE, FIRING, CLOCK, TRIGGER, AMPLITUDE, TRANSFER = 0.02, 1.2e-4, 2e-4, 3e-4, 0.03, 0.1
 NEAR = 20.0  # m between holes over which the spectra of their paths are alike
 KNOTS = 4  # of a random spectrum, over the logarithm of frequency
@@ -99,7 +99,7 @@ def blasts(rng):
     return [blast(*plan, rng) for plan in plans]
 
 
-def spectra(fired, omega, places=PLACES, longer=0.0):
+def spectra(fired, omega, places, longer=0.0):
     """Return the velocity of each hole, fired at zero, (n_holes, n_receivers, 3, n_omega).
 
     Of a centre of dilatation in a whole space, near and far field; `longer`: logarithm of the
@@ -133,21 +133,21 @@ def smooth(rng, shape, level):
     return np.moveaxis(drawn[:, 0] + 0.5j * drawn[:, 1], 0, -1)
 
 
-def varied(fired, level, rng):
+def varied(fired, level, rng, n_receivers):
     """Return factors of holes and their paths that vary by a level, (n_holes, n_receivers, n)."""
     n, size = len(fired.charge), level / np.sqrt(2.0)
     apart = np.linalg.norm(fired.centres[:, None] - fired.centres, axis=-1)
     root = np.linalg.cholesky(np.exp(-((apart / NEAR) ** 2)) + 1e-6 * np.eye(n))
-    paths = np.tensordot(root, smooth(rng, (n, len(PLACES)), size), 1)
+    paths = np.tensordot(root, smooth(rng, (n, n_receivers), size), 1)
     return np.exp(smooth(rng, (n, 1), size) + paths)
 
 
 def changed(row, pattern, theta, omega):
-    """Return spectra of holes with a row of the table of a strength."""
+    """Return spectra of holes with a row of the table of a strength, at the receivers."""
     own, longer = pattern.blast, 0.0
     if row is not None and row.kernel == "duration":
         longer = theta * row.covariate(pattern)[:, 0]
-    spectrum = spectra(own, omega, longer=longer)
+    spectrum = spectra(own, omega, pattern.receivers, longer)
     if row is not None and row.kernel != "duration":
         middle = 2.0 * np.pi * np.sqrt(BAND[0] * BAND[1])
         spectrum = spectrum * row.change(pattern, theta).factor(omega, middle)[:, :, None]
@@ -161,7 +161,7 @@ def fired_at(spectrum, times, omega):
 
 def strength_of(row, patterns, omega):
     """Return the strength at which a row changes a share of the energy of the records."""
-    plan = [fired_at(spectra(p.blast, omega), p.blast.times, omega) for p in patterns]
+    plan = [fired_at(spectra(p.blast, omega, p.receivers), p.blast.times, omega) for p in patterns]
 
     def share(theta):
         pairs = zip(patterns, plan, strict=True)
@@ -178,33 +178,38 @@ def strength_of(row, patterns, omega):
     return float(theta)
 
 
-def records(row, theta, patterns, level, rng):
-    """Return true motion of each blast at all receivers, with the errors of a survey."""
-    _, omega = grid()
-    transfer = np.exp(smooth(rng, (len(PLACES), 3), TRANSFER))
-    clock = CLOCK * rng.standard_normal(len(PLACES))
+def records(row, theta, patterns, level, rng, scales=1.0, late=0.0):
+    """Return true motion of each blast at all receivers, with the errors of a survey.
+
+    All holes radiate `scales` (n_holes,) times as much and fire late (n_holes,) s.
+    """
+    (_, omega), n = grid(), len(patterns[0].receivers)
+    transfer = np.exp(smooth(rng, (n, 3), TRANSFER))
+    clock = CLOCK * rng.standard_normal(n)
     out = []
     for pattern in patterns:
         own = pattern.blast
-        spectrum = changed(row, pattern, theta, omega) * varied(own, level, rng)[:, :, None]
-        late = FIRING * rng.standard_normal(len(own.times)) + TRIGGER * rng.standard_normal()
-        total = fired_at(spectrum, own.times + late, omega) * transfer
+        size = np.broadcast_to(scales, len(own.times))[:, None, None, None]
+        spectrum = size * changed(row, pattern, theta, omega)
+        spectrum = spectrum * varied(own, level, rng, n)[:, :, None]
+        error = FIRING * rng.standard_normal(len(own.times)) + TRIGGER * rng.standard_normal()
+        total = fired_at(spectrum, own.times + late + error, omega) * transfer
         total = total * np.exp(-1j * np.multiply.outer(clock, omega))[:, None]
         out.append(np.exp(AMPLITUDE * rng.standard_normal()) * seismograms(total))
     return np.array(out)
 
 
-def scene_of(fired, motion, rng):
+def scene_of(fired, motion, rng, places=PLACES):
     """Return the scene of a survey whose site is known but for its usual errors."""
     _, omega = grid()
     times = np.arange(0.0, 0.1, DT)
     rate = TimeFunction(MOMENT * times * np.exp(-times / PULSE) / PULSE**2, DT)
     project = make_project(check_config(PROJECT), "holes.toml")
-    names = tuple(f"R{n + 1}" for n in range(len(PLACES)))
-    receivers = tuple(Receiver(n, tuple(p)) for n, p in zip(names, PLACES.tolist(), strict=True))
+    names = tuple(f"R{n + 1}" for n in range(len(places)))
+    receivers = tuple(Receiver(n, tuple(p)) for n, p in zip(names, places.tolist(), strict=True))
     shots = tuple(replace(project.shots[0], name=b.name, fired=b, held=Inside(rate)) for b in fired)
     project = replace(project, survey=Survey(shots, receivers, {}))
-    own = [spectra(b, omega) for b in fired]
+    own = [spectra(b, omega, places) for b in fired]
     plan = np.array([
         seismograms(fired_at(s, b.times, omega)) for s, b in zip(own, fired, strict=True)
     ])  # fmt: skip
@@ -224,7 +229,7 @@ def scene_of(fired, motion, rng):
     scene = Scene(never, baseline, holes)
     aside = [
         np.array([
-            seismograms(fired_at(spectra(b, omega, PLACES + move) - s, b.times, omega))
+            seismograms(fired_at(spectra(b, omega, places + move) - s, b.times, omega))
             for s, b in zip(own, fired, strict=True)
         ])
         for move in np.eye(3)[:2]

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..errors import InputError, PyblastError
 from ..inference.covariance import record_blocks
-from ..inference.error_model import NORMAL_95, ErrorModel, Levels, Posterior
+from ..inference.error_model import NORMAL_95, ErrorModel, Level, Levels, Posterior
 from ..inference.fit import ENOUGH, Coordinates, FitState, minimise, step_of
 from ..inference.nuisances import Linearised, nuisances_of
 from ..inference.parameter import (
@@ -22,6 +22,17 @@ from ..inference.parameter import (
     set_all,
 )
 from ..inference.records import Records, band_functions
+from ..inference.variation import (
+    FEWEST,
+    ROUNDS,
+    VARIED,
+    charges_of,
+    filtered_motion,
+    filters_of,
+    no_filters,
+    variation,
+    with_variation,
+)
 from ..project.places import firings_of, on_ground
 from ..project.project import Project
 from ..project.uncertain_ground import held_beside, sought_in
@@ -35,9 +46,10 @@ ALL_LEVELS = Levels(
     coda=(1e-5, 4e-4),
     transfer=(1e-5, 1e-3, 1e-2, 1e-1),
     ground=(0.5, 1.0, 2.0),
+    holes=VARIED[:4],
 )
 FEW_LEVELS = ALL_LEVELS._replace(  # while a search is on its way
-    scatter=(1e-4, 1e-3, 1e-2, 1e-1), coda=(1e-5,)
+    scatter=(1e-4, 1e-3, 1e-2, 1e-1), coda=(1e-5,), holes=(0.0, 0.2)
 )
 PROBE = 0.04  # of the shortest wavelength: how far beside a receiver its slopes are taken
 # Two programs that solve the same model agree to this, measured where neither knew a truth:
@@ -478,10 +490,38 @@ class Fitter:
         error = ErrorModel(record_blocks(records, state.motion), nuisances, self.levels)
         slopes = band.project(state.slopes)
         residual = band.project(records.motion - state.motion)
+        error, residual = self._varied(error, residual, state, firings)
         residual = residual + np.tensordot(state.x - self.coordinates.mean, slopes, 1)
         columns = np.concatenate([slopes, band.project(state.motion)[None], lost[None]])
         own = 0.01 * self.priors.amplitude_percent, self.priors.inverse_q
         return error.posterior(residual, columns, np.array([*self.coordinates.deviation, *own]))
+
+    def _varied(self, error, residual, state, firings):
+        """Return an error and a residual with holes that vary around their most probable filters.
+
+        These are learned at the last steps, by the parts of the holes in the motion; theory.md
+        (12.6), (12.9).
+        """
+        records, band = self.compared, self.compared.band
+        charges, blasts = {}, [blast.blast for blast in self.blasts]
+        for b, (fired, own) in enumerate(zip(firings, blasts, strict=True)):
+            if fired is None or own is None:
+                continue
+            if np.count_nonzero(fired.weights) >= FEWEST:
+                charges[b] = charges_of(state.motion[b], fired, own.centres, records.dt)
+        if not charges:
+            return replace(error, levels=error.levels._replace(holes=(0.0,))), residual
+        filters = no_filters(charges)
+        for rounds in range(0 if self.levels is FEW_LEVELS else ROUNDS, -1, -1):
+            own = variation(charges, band, residual.shape, filters)
+            change = filtered_motion(charges, band, len(residual), filters).change
+            whole = with_variation(error, own, error.levels.holes)
+            rest = residual - band.project(change)
+            at, *known = whole.most_probable(rest) if rounds else (Level(0.0),)
+            if at.holes == 0.0:
+                break
+            filters = filters_of(own, charges, whole, at, *known)
+        return whole, rest
 
     def _result(self, state, posterior) -> Fit:
         """Return the fit at a state."""

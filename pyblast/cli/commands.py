@@ -528,11 +528,13 @@ def diagnose_command(
             raise typer.Exit(NOT_TRUSTED)
         for path, baseline in outputs:
             assert predict is not None  # goes with the outputs
-            corner = workflow.predict_case(case, folder, predict, path, baseline=baseline)
+            predicted = workflow.predict_case(case, folder, predict, path, baseline=baseline)
+            corner = predicted.low_pass
             unsure = result["outcome"] in UNSURE and not baseline
             phase = " without phase" * isinstance(corner, ZeroPhase)
             passed = f", low-passed at {corner:.3g} Hz{phase} like what enters" if corner else ""
             console.say(f"written: {path}{passed}{', from a diagnosis that is unsure' * unsure}")
+            console.show_bands(predicted)
 
 
 @app.command(cls=Finite)

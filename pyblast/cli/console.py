@@ -39,6 +39,7 @@ if TYPE_CHECKING:
     from ..project.checks_ground import ModelSummary
     from ..project.project import Project
     from ..signals.comparison import Comparison
+    from ..workflows.prediction import Prediction
     from ..workflows.run import Outcome
 
 STAGES = {
@@ -325,11 +326,39 @@ def show_input(project: "Project") -> None:
             f"the filter (-3 dB at {low.corner:g} Hz) removed {_percent(low.removed_energy)} of "
             "the energy of each component"
         )
+    if len(stages.firing.times) > 1:
+        _show_superposed_bands(project)
     peaks = input_peaks(project)
     for peak in peaks:
         if peak.plausible is not None:
             say(f"{peak.name}: published laws give {peak.plausible} mm/s (5-95 %)")
     show_findings(level_findings(project, peaks))
+
+
+def _show_superposed_bands(project):
+    """Print the bands of the peaks of the whole blast, with holes that vary and without."""
+    from ..workflows.run import superposed_bands
+
+    bands, components = superposed_bands(project), project.input.signature.components
+    table = _table("whole blast, 90 % of such blasts", *components)
+    for name, (low, high) in zip(("holes vary", "holes alike"), bands, strict=True):
+        ends = zip(low, high, strict=True)
+        table.add_row(name, *(f"{_short(1e3 * a)} to {_short(1e3 * b)}" for a, b in ends))
+    _out.print(table)
+    percent = project.config.priors.holes_percent
+    say(f"holes vary by {percent:.2g} % (priors.holes_percent); alike they radiate as planned")
+
+
+def show_bands(predicted: "Prediction") -> None:
+    """Print the peaks of a further blast and their bands, with holes that vary and without."""
+    if not predicted.bands:
+        return
+    table = _table("PPV in mm/s", "as planned", "90 % of such blasts", "if holes were alike")
+    for name, band in predicted.bands.items():
+        peak, *ends = (_short(1e3 * value) for value in band)
+        table.add_row(name, peak, f"{ends[0]} to {ends[1]}", f"{ends[2]} to {ends[3]}")
+    _out.print(table)
+    say(f"holes vary by {predicted.holes_percent:.2g} % ({predicted.source})")
 
 
 def show_comparison(comparison: "Comparison", minimised: bool = True) -> None:

@@ -109,6 +109,7 @@ class PriorsConfig(Section):
     trigger_ms: NotNegative = 0.15
     firing_ms: NotNegative = 0.12
     amplitude_percent: NotNegative = 3.0
+    holes_percent: NotNegative = 20.0
 
 
 Ends = Annotated[list[NotNegative], Field(min_length=2, max_length=2)]

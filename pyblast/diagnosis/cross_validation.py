@@ -176,7 +176,7 @@ class _Linear(NamedTuple):
         """Return what is linear around a fit."""
         slopes = scene.seen(fit.state.slopes)
         residual = scene.case.band.project(scene.case.residual(fit.motion))
-        error = scene.error_beside(fit.effects, fit.values, fit.motion)
+        error = scene.error_beside(fit.effects, fit.values, fit.motion, fit.filters)
         residual = residual + np.tensordot(fit.state.x, slopes, 1)
         evidence = error.posterior(residual, slopes, np.ones(len(slopes))).log_evidence
         return cls(scene, fit, error, slopes, residual, evidence)

@@ -1,16 +1,14 @@
-"""Effects: hypotheses with values, the motion that they change, and predictions with them."""
+"""Effects: hypotheses with values, and the motion that they change."""
 
 from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import product
-from typing import NamedTuple
 
 import numpy as np
 from scipy import fft, signal
 
-from ..blasts.blast import Blast
 from ..blasts.hole_effects import HoleChange, together
 from ..errors import InputError, contained
 from ..ground.tables import quality_of
@@ -19,13 +17,17 @@ from ..inference.location import Places
 from ..inference.nuisances import law_columns
 from ..inference.parameter import Parameter, set_all
 from ..inference.variation import (
+    VARIED,
     Charges,
+    FilteredMotion,
+    Filters,
+    Learned,
     Variation,
-    Varied,
+    filtered_motion,
     learned_variation,
+    variation,
     with_variation,
 )
-from ..project.places import NEAR, resolved_receivers
 from ..project.project import Project
 from ..project.uncertain_ground import factors_of
 from ..simulation.estimate import cost_of
@@ -35,13 +37,11 @@ from ..units import plain_number
 from . import library  # noqa: F401  fills the library
 from .calibration import Baseline, attenuated
 from .case import Case
-from .error import VARIED, learned_error, with_calibrated
+from .error import learned_error, with_calibrated
 from .forward import (
     StoredFields,
     Surroundings,
     holds,
-    hole_motion,
-    simulation_of,
     stored_fields,
     surroundings,
 )
@@ -50,13 +50,11 @@ from .hypotheses import (
     LIBRARY,
     Hypothesis,
     blast_and_hole,
-    pattern_of,
     patterns_of,
     superposed,
 )
 from .thresholds import CARRIED, DEAREST, FEWEST_HOLES, IDEALISED, ORDINARY
 
-FURTHER = "further blast"
 WEAKEST = 0.05  # of the largest in its spectrum: a pulse is not divided by less
 ORDER = 6  # of the low-pass of harmonics
 RUNS, HOLES = "runs", "motion of single holes"  # parts of a diagnosis that may fail
@@ -102,14 +100,6 @@ class Effect:
         return {p.name: np.array(values) if p.per_hole else values[0] for p, values in pairs}
 
 
-class Varying(NamedTuple):
-    """Learned variation from hole to hole: around which filters, how much, levels that remain."""
-
-    around: Variation
-    level: Varied
-    levels: tuple[float, ...]
-
-
 @dataclass(eq=False)
 class Scene:
     """Scene: the calibrated site with its records, on which effects are simulated.
@@ -144,6 +134,7 @@ class Scene:
     _simulated: dict = field(default_factory=dict, repr=False)
     _corrections: dict = field(default_factory=dict, repr=False)
     _impossible: set = field(default_factory=set, repr=False)
+    _beside: tuple = field(default=(None, None), repr=False)
 
     def __post_init__(self):
         """Store the motion that the calibration has simulated."""
@@ -174,16 +165,21 @@ class Scene:
         return self.fields.rock, self.fields.joints
 
     @cached_property
-    def varied(self) -> Varying | None:
+    def charges(self) -> dict[int, Charges]:
+        """Charges of the blasts with enough holes to show how much they vary, by number."""
+        blasts = self.case.project.blasts
+        return {
+            b: Charges(self.holes[name], blasts[name].times, blasts[name].centres)
+            for b, name in enumerate(self.case.blasts) if _many(self.holes.get(name, ()))
+        }  # fmt: skip
+
+    @cached_property
+    def varied(self) -> Learned | None:
         """Variation from hole to hole, learned before anything else; None without many holes.
 
         What it does to each record counts as usual from then on.
         """
-        baseline, blasts = self.baseline, self.case.project.blasts
-        charges = {
-            b: Charges(self.holes[name], blasts[name].times, blasts[name].centres)
-            for b, name in enumerate(self.case.blasts) if _many(self.holes.get(name, ()))
-        }  # fmt: skip
+        baseline, charges = self.baseline, self.charges
         if not charges:
             return None
         band, sigma = self.case.band, baseline.sigma[:, None, None, None, None]
@@ -194,23 +190,31 @@ class Scene:
         def build(own):
             return with_calibrated(self._error_around(own), held)
 
-        own, level, levels = learned_variation(build, charges, band, residual, VARIED)
-        usual = baseline.usual + level.value**2 * own.energy
+        learned = learned_variation(build, charges, band, residual, VARIED)
+        usual = baseline.usual + learned.level.value**2 * learned.around.energy
         self.baseline = replace(baseline, usual=np.where(baseline.usual > 0.0, usual, 0.0))
-        return Varying(own, level, levels)
+        return learned
 
     @property
-    def unplanned(self) -> np.ndarray | float:
-        """What holes send beyond their plan, (n_blasts, n_receivers, 3, n_samples) m/s."""
-        return 0.0 if self.varied is None else self.varied.around.change
+    def filters(self) -> dict[int, Filters]:
+        """Filters of charges that were learned without an effect, by number of the blast."""
+        return {} if self.varied is None else self.varied.filters
 
-    def radiated(self, name: str) -> np.ndarray:
+    def filtered(self, filters: Mapping[int, Filters] | None = None) -> FilteredMotion:
+        """Return what charges send with filters, by default those learned without an effect."""
+        if self.varied is None:
+            return FilteredMotion(0.0, {})
+        if filters is None or filters is self.varied.filters:
+            return self.varied.filtered
+        return filtered_motion(self.charges, self.case.band, len(self.case.blasts), filters)
+
+    def radiated(self, name: str, filters: Mapping[int, Filters] | None = None) -> np.ndarray:
         """Return the share of its planned motion that each hole of a blast radiates, (n_holes,).
 
-        By its learned variation, at all receivers together.
+        By filters of charges, at all receivers together.
         """
         planned, at = self.holes[name], self.case.blasts.index(name)
-        varied = planned if self.varied is None else self.varied.around.charges.get(at, planned)
+        varied = self.filtered(filters).charges.get(at, planned)
         alike, energy = (np.einsum("hrct,hrct->h", planned, each) for each in (varied, planned))
         return np.where(energy > 0.0, alike / np.where(energy > 0.0, energy, 1.0), 1.0)
 
@@ -218,16 +222,15 @@ class Scene:
     def error(self) -> ErrorModel:
         """Learned error of the prediction of the calibrated site, but for what is calibrated."""
         if self.varied is None:
-            return self._error_around(None)
-        around, _, levels = self.varied
-        return with_variation(self._error_around(around), around, levels)
+            return self._error_around(FilteredMotion(0.0, {}))
+        own = self.varied
+        return with_variation(self._error_around(own.filtered), own.around, own.levels)
 
-    def _error_around(self, variation):
-        """Return the error around the motion with a variation, without this."""
-        baseline, motion, holes = self.baseline, self.baseline.motion, self.holes
-        if variation is not None:
-            motion, names = motion + variation.change, self.case.blasts
-            holes = holes | {names[b]: own for b, own in variation.charges.items()}
+    def _error_around(self, own):
+        """Return the error around the motion that charges send, without their variation."""
+        baseline, names = self.baseline, self.case.blasts
+        motion = baseline.motion + own.change
+        holes = self.holes | {names[b]: each for b, each in own.charges.items()}
         return learned_error(
             self.case, baseline.parameters,
             (motion, baseline.slopes, self.surroundings.slopes(), baseline.correction),
@@ -249,12 +252,13 @@ class Scene:
         """Return changes of motion (..., 3, n_samples) as valid samples show them, in the band."""
         return self.case.band.project(np.where(self.case.valid, change, 0.0))
 
-    def error_beside(self, effects: Sequence[Effect], values, motion) -> ErrorModel:
+    def error_beside(self, effects: Sequence[Effect], values, motion, filters) -> ErrorModel:
         """Return the error of a prediction with effects, that of their laws included.
 
-        Where they are not those of instruments, the change of motion by them has an error of
-        `IDEALISED` of its energy at each record; that of joints that close or slip has as large a
-        one, smooth over frequency, that all records share; theory.md (14.13).
+        Holes vary around what they send with the effects and with filters that were learned beside
+        them. Where effects are not those of instruments, the change of motion by them has an error
+        of `IDEALISED` of its energy at each record; that of joints that close or slip has as large
+        a one, smooth over frequency, that all records share; theory.md (12.9), (14.13).
 
         Parameters
         ----------
@@ -262,16 +266,53 @@ class Scene:
         values : (n_calibrated,) float64
         motion : (n_blasts, n_receivers, 3, n_samples) float64, m/s
             With both.
+        filters : mapping of int to Filters
+            By number of the blast.
         """
+        error, own = self.error, self.varied
+        if own is not None and (filters is not own.filters or acting_on(effects, "holes")):
+            around = self.variation_beside(effects, filters)
+            error = with_variation(error, around, own.levels)
         if all(effect.hypothesis.family == "instrument" for effect in effects):
-            return self.error
+            return error
         calibrated = np.tensordot(values - self.baseline.values, self.baseline.slopes, 1)
-        change = motion - self.baseline.motion - self.unplanned - calibrated
-        blocks = self.error.blocks.beside(change, self.case.band, IDEALISED)
-        nuisances = self.error.nuisances
+        change = motion - self.baseline.motion - self.filtered(filters).change - calibrated
+        blocks, nuisances = error.blocks.beside(change, self.case.band, IDEALISED), error.nuisances
         if not all(effect.hypothesis.linear for effect in effects):
             nuisances = nuisances + law_columns(change, self.case.band, IDEALISED)
-        return replace(self.error, blocks=blocks, nuisances=nuisances)
+        return replace(error, blocks=blocks, nuisances=nuisances)
+
+    def variation_beside(self, effects: Sequence[Effect], filters) -> Variation:
+        """Return the variation of what holes send with effects on them, around filters."""
+        acting = acting_on(effects, "holes")
+        if self._beside[0] != (acting, id(filters)):
+            names, shape = self.case.blasts, self.error.nuisances.columns.shape[1:]
+            charges = {
+                b: replace(own, motion=self._with_holes(acting, names[b]))
+                for b, own in self.charges.items()
+            }
+            around = variation(charges, self.case.band, shape, filters)
+            self._beside = (acting, id(filters)), (around, filters)  # its id is then its own
+        return self._beside[1][0]
+
+    def _with_holes(self, acting, name):
+        """Return the motion of each hole of a blast with effects, fired at zero."""
+        holes = self.holes[name]
+        pattern = patterns_of(self.case)[self.case.blasts.index(name)]
+        changes = [
+            e.hypothesis.apply(pattern, e.target, **e.parameters)
+            for e in acting if blast_and_hole(e.target)[0] in ("", name)
+        ]  # fmt: skip
+        return self.changed_holes(holes, together(changes)) if changes else holes
+
+    def changed_holes(self, holes: np.ndarray, changes: HoleChange) -> np.ndarray:
+        """Return the motion of holes (n_holes, n_receivers, 3, n_samples) with changes, m/s."""
+        size, factor = self._factor(changes, 0.0)
+        out = np.empty_like(holes)
+        for h, motion in enumerate(holes):
+            spectrum = fft.rfft(motion, size) * factor[min(h, len(factor) - 1)][:, None]
+            out[h] = fft.irfft(spectrum, size)[..., : self.case.n_samples]
+        return out
 
     def contained(self, effects: Sequence[Effect]) -> AbstractContextManager[None]:
         """Enter an error of effects into the failures in place of raising it; raise one of none."""
@@ -318,7 +359,7 @@ class Scene:
             If a run without effects fails.
         """
         blasts = tuple(range(len(self.case.blasts)) if blasts is None else blasts)
-        keys = [(tuple(map(float, values)), _acting(effects, "site")) for values, effects in states]
+        keys = [(tuple(map(float, values)), acting_on(each, "site")) for values, each in states]
         known = [key for key in keys if all((key, b) in self._simulated for b in blasts)]
         projects: dict[tuple, Project | None] = {}
         for key in dict.fromkeys(keys):
@@ -373,7 +414,7 @@ class Scene:
         made of an effect before: a fit that was begun is ended.
         """
         paid = [self._paid.get(effect.where, 0.0) for effect in effects]
-        ordinary = ORDINARY * max(self._priced_on_mesh(self._reference), *paid)
+        ordinary = ORDINARY * max([self._priced_on_mesh(self._reference), *paid])
         most = max(DEAREST * (self.budget - self.spent), number * ordinary)
         if number * seconds > most:
             raise InputError(
@@ -464,36 +505,49 @@ class Scene:
             ]
         )
 
-    def received(self, motion: np.ndarray, effects: Sequence[Effect]) -> np.ndarray:
+    def received(
+        self, motion: np.ndarray, effects: Sequence[Effect], charges: Mapping | None = None
+    ) -> np.ndarray:
         """Return simulated motion with effects on holes and on motion, the same shape, m/s.
+
+        Parameters
+        ----------
+        motion : (n_blasts, n_receivers, 3, n_samples) float64, m/s
+        effects : sequence of Effect
+        charges : mapping of int to (n_holes, n_receivers, 3, n_samples) float64, m/s, optional
+            What each hole sends, by number of the blast; as it was learned by default.
 
         Raises
         ------
         InputError
             If it is not finite.
         """
-        for effect in _acting(effects, "holes"):
-            motion = motion + self._by_holes(effect)
+        for effect in acting_on(effects, "holes"):
+            motion = motion + self._by_holes(effect, charges)
         motion = with_motion_effects(self, motion, effects)
         if not np.isfinite(motion).all():
             raise InputError("its motion is not a finite number at every receiver")
         return motion
 
-    def _by_holes(self, effect):
+    def _by_holes(self, effect, charges):
         """Return the change of motion by an effect on the holes of one blast, or of all."""
         if HOLES in self.failures and superposed in effect.hypothesis.simulated:
             raise InputError(f"{HOLES}: {self.failures[HOLES]}")
         own, _ = blast_and_hole(effect.target)
+        charges = self.filtered().charges if charges is None else charges
         return sum(
             self.change_by_holes(
-                name, effect.hypothesis.apply(pattern, effect.target, **effect.parameters)
+                name, effect.hypothesis.apply(pattern, effect.target, **effect.parameters),
+                charges.get(b, self.holes.get(name)),
             )
-            for name, pattern in zip(self.case.blasts, patterns_of(self.case), strict=True)
+            for b, (name, pattern) in enumerate(
+                zip(self.case.blasts, patterns_of(self.case), strict=True)
+            )
             if own in ("", name)
-        )
+        )  # fmt: skip
 
     def change_by_holes(
-        self, name: str, changes: HoleChange, holes: np.ndarray | None = None
+        self, name: str, changes: HoleChange, holes: np.ndarray | None
     ) -> np.ndarray:
         """Return the change of motion by changes of what the holes of a blast send.
 
@@ -502,8 +556,8 @@ class Scene:
         name : str
         changes : HoleChange
             Of each hole, or of each hole and receiver.
-        holes : (n_holes, n_receivers, 3, n_samples) float64, m/s, optional
-            Motion of each, fired at zero; as it was learned to vary by default.
+        holes : (n_holes, n_receivers, 3, n_samples) float64, m/s, or None
+            Motion of each, fired at zero; None where it is unknown and all change alike.
 
         Returns
         -------
@@ -511,20 +565,12 @@ class Scene:
         """
         blast, at = self.case.project.blasts[name], self.case.blasts.index(name)
         times, n = blast.times, self.case.n_samples
-        if holes is None:
-            holes = self.holes.get(name)
-            if self.varied is not None:
-                holes = self.varied.around.charges.get(at, holes)
         if holes is None:  # all holes have the same delay and scale
             holes, times = self.baseline.motion[[at]], np.zeros(1)
             changes = HoleChange(*(np.ravel(each)[:1] for each in changes))
-        latest = int((np.max(times) + np.max(changes.delay, initial=0.0)) / self.case.dt) + 1
-        size = fft.next_fast_len(n + max(n, latest), real=True)  # without wrap-around
+        size, factor = self._factor(changes, np.max(times))
         omega = 2.0 * np.pi * fft.rfftfreq(size, self.case.dt)
-        middle = 2.0 * np.pi * np.sqrt(max(self.case.band.low, 0.1) * self.case.band.high)
-        pulse = self._pulse(omega) if np.any(changes.duration) else 0.0
-        factor = changes.factor(omega, middle, pulse) - 1.0
-        fired = np.exp(-1j * np.multiply.outer(times, omega))[:, None] * factor
+        fired = np.exp(-1j * np.multiply.outer(times, omega))[:, None] * (factor - 1.0)
         total = np.zeros((*holes.shape[1:3], len(omega)), dtype=complex)
         for each, motion in zip(fired, holes, strict=True):
             if np.any(each):
@@ -532,6 +578,16 @@ class Scene:
         change = np.zeros((len(self.case.blasts), *holes.shape[1:]))
         change[at] = fft.irfft(total, size)[..., :n]
         return change
+
+    def _factor(self, changes, latest):
+        """Return a length of transforms without wrap-around, and the factor on what holes send."""
+        n, dt, band = self.case.n_samples, self.case.dt, self.case.band
+        latest = int((latest + np.max(changes.delay, initial=0.0)) / dt) + 1
+        size = fft.next_fast_len(n + max(n, latest), real=True)
+        omega = 2.0 * np.pi * fft.rfftfreq(size, dt)
+        middle = 2.0 * np.pi * np.sqrt(max(band.low, 0.1) * band.high)
+        pulse = self._pulse(omega) if np.any(changes.duration) else 0.0
+        return size, changes.factor(omega, middle, pulse)
 
     def _pulse(self, omega):
         """Return the derivative of ln S by ln f of the pulse S of a hole, (n_omega,) complex128."""
@@ -585,12 +641,12 @@ def with_motion_effects(
     -------
     (n_blasts, n_receivers, 3, n_samples) float64, m/s
     """
-    for effect in _acting(effects, "motion"):
+    for effect in acting_on(effects, "motion"):
         motion = effect.hypothesis.apply(scene, motion, effect.target, **effect.parameters)
     return motion
 
 
-def _acting(effects, on):
+def acting_on(effects, on):
     """Return the effects on site, holes or motion, in the order in which they act.
 
     From source over path and receiver to instrument; within a family in the order of the library.
@@ -623,7 +679,7 @@ def changed_site(
     if factors is None:
         factors = factors_of(project) if len(values) else ()
     site = set_all(project, factors, np.exp(values))
-    for effect in _acting(effects, "site"):
+    for effect in acting_on(effects, "site"):
         if site is not None:
             site = effect.hypothesis.apply(site, effect.target, **effect.parameters)
     band = project.config.band_hz
@@ -632,86 +688,6 @@ def changed_site(
     if not project.meshed.mesh.hexahedral:
         return site
     return site.changed(mesh=sizes_for_band(site.ground, HARMONICS * band[1]))
-
-
-def predict(
-    case: Case,
-    blast: Blast,
-    values,
-    effects: Sequence[Effect] = (),
-    folder=None,
-) -> np.ndarray:
-    """Predict the motion of a further blast at the receivers of a case, by one run.
-
-    Parameters
-    ----------
-    case : Case
-    blast : Blast
-    values : (n_calibrated,) float
-        Values of a diagnosis.
-    effects : sequence of Effect
-        Effects on the holes of a blast are ignored: they belong to another one. Those of all holes
-        of the site are applied, by the motion of each.
-    folder : path, optional
-        Folder of stored runs.
-
-    Returns
-    -------
-    (n_receivers, 3, n_samples) float64, m/s
-        From the first hole on.
-
-    Raises
-    ------
-    InputError
-        If an effect is impossible in this project.
-    SolverError
-        If the run fails.
-    """
-    answer = changed_site(case.project, values, effects)
-    if answer is None:
-        named = ", ".join(f"{effect.label} {effect.target}".rstrip() for effect in effects)
-        raise InputError(f"{named}: impossible in this project")
-    reference, project = (with_blast(each, FURTHER, blast) for each in (case.project, answer))
-    further = replace(case, project=reference, blasts=(FURTHER,))
-    simulation = simulation_of(further, folder, finer=True)
-    motion = simulation.motion(project)
-    rows = [effect for effect in _acting(effects, "holes") if not effect.target]
-    if rows:
-        pattern = pattern_of(case, blast)
-        baseline = Baseline(
-            further, (), np.zeros(0), np.zeros((0, 0)), project, motion,
-            np.zeros((0, *motion.shape)), motion, 0.0 * motion, np.ones(motion.shape[:2]),
-        )  # fmt: skip
-        fired, own = Scene(simulation, baseline, {}), hole_motion(simulation, further, project)
-        changes = [e.hypothesis.apply(pattern, e.target, **e.parameters) for e in rows]
-        motion = motion + fired.change_by_holes(FURTHER, together(changes), own[FURTHER])
-    return with_motion_effects(PredictionScene(simulation, further, project), motion, effects)[0]
-
-
-def at_further(case: Case, blast: Blast) -> Case:
-    """Return a case with the receivers at which a further blast is predicted.
-
-    They are those of the case and those that it leaves out near its own holes, where they stand
-    far enough from those of the further blast. Gains and sources that records show are theirs.
-    """
-    table = case.project.config.diagnosis
-    shown = table is not None and (table.source_s is not None or table.trigger_s is not None)
-    near = [name for name, reason in case.unused.items() if reason == NEAR]
-    if not near or shown or case.gain is not None:
-        return case
-    far = resolved_receivers(
-        with_blast(case.project, FURTHER, blast), (*case.receivers, *near), injected=False
-    )
-    chosen = {*case.receivers, *far}
-    names = tuple(r.name for r in case.project.stations if r.name in chosen)
-    return replace(case, receivers=names)
-
-
-def with_blast(project: Project, name: str, blast: Blast) -> Project:
-    """Return a project with a single blast in place of its own."""
-    shot = replace(project.held_shots[0], name=name, fired=blast)
-    survey = replace(project.survey, shots=(shot,), recorded={})
-    return replace(project, survey=survey)
 
 
 @dataclass(eq=False)

@@ -1,6 +1,7 @@
 """Error of a prediction of a case: that which is learned, and that which records usually show."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -13,7 +14,6 @@ from ..project.places import firings_of
 from .case import Case
 from .thresholds import ENERGY_SHARE, MESH_SHARE
 
-VARIED = 0.0, 0.1, 0.2, 0.4, 0.8  # levels of variation from hole to hole
 LEVELS = Levels(
     scatter=(5e-3, 2e-2, 8e-2, 0.3, 1.0), transfer=(2e-3, 1e-2, 5e-2, 0.3), nuisance=(1.0, 2.0)
 )
@@ -107,4 +107,4 @@ def with_calibrated(error: ErrorModel, columns: Sequence[np.ndarray]) -> ErrorMo
     shape = error.nuisances.columns.shape[1:]
     added = moving_columns({CALIBRATED: list(columns)}, shape)
     together: Nuisances = added + error.nuisances
-    return ErrorModel(error.blocks, together, error.levels)
+    return replace(error, nuisances=together)

@@ -1,18 +1,20 @@
 """Fits of effects together with the calibrated parameters, under the error that is learned."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from ..inference.error_model import ErrorModel, Posterior
 from ..inference.fit import Coordinates, FitState, minimise
+from ..inference.variation import ROUNDS, Filters, filters_of
 from .effects import Effect, Scene
 from .error import gained
 from .thresholds import LARGE
 
 DIFFERENCE = 0.1  # of a prior standard deviation, for derivatives
+STILL = 0.2  # levels: filters that move less are not learned anew
 LONGEST = 1.5  # prior standard deviations that a parameter of an effect may go in one round
 
 
@@ -33,15 +35,19 @@ class Fitter:
         What a finer mesh adds to every simulation.
     longest : float, optional
         Prior standard deviations that a parameter of an effect may go in one step.
+    filters : mapping of int to Filters, optional
+        Of charges; those that were learned without an effect by default.
     """
 
     def __init__(
-        self, scene: Scene, effects: Sequence[Effect], reference, shift=0.0, longest=LONGEST
-    ):
+        self, scene: Scene, effects: Sequence[Effect], reference, shift=0.0, longest=LONGEST,
+        filters=None,
+    ):  # fmt: skip
         self.scene, self.effects = scene, tuple(effects)
         self.reference, self.shift = np.asarray(reference), shift
         self.sigma = scene.baseline.sigma
         self.error: ErrorModel = scene.error
+        self._vary(scene.filters if filters is None else filters)
         self.reasons: list[str] = []
         self.parameters = [
             (number, order, index, parameter)
@@ -64,6 +70,10 @@ class Fitter:
         by_runs = [self.effects[e].hypothesis.on == "site" for e, *_ in self.parameters]
         self.by_runs = np.array([False] * n_calibrated + by_runs, dtype=bool)
         self.renews = not self.by_runs.any()
+
+    def _vary(self, filters):
+        """Let charges send what filters make of them."""
+        self.filters, self.filtered = filters, self.scene.filtered(filters)
 
     def start(self) -> np.ndarray:
         """Return the parameters of the reference and of the effects as they were given."""
@@ -100,10 +110,10 @@ class Fitter:
                 continue
             slopes = self.scene.baseline.slopes
             run = run + np.tensordot(values - self.reference, slopes, 1)
-            run = run + self.shift + self.scene.unplanned
+            run = run + self.shift + self.filtered.change
             received = None
             with self.scene.contained(effects):
-                received = self.scene.received(run, effects)
+                received = self.scene.received(run, effects, self.filtered.charges)
             motions.append(received)
         return motions
 
@@ -169,11 +179,41 @@ class Fitter:
         """Return the posterior of the parameters, linear around a state."""
         case = self.scene.case
         values, effects = self.values_at(state.x)
-        self.error = self.scene.error_beside(effects, values, state.motion)
+        self.error = self.scene.error_beside(effects, values, state.motion, self.filters)
         slopes = case.band.project(state.slopes)
         residual = case.band.project(case.residual(state.motion))
         residual = residual + np.tensordot(state.x, slopes, 1)
         return self.error.posterior(residual, slopes, self.coordinates.deviation)
+
+    def relearned(self, state: FitState) -> bool:
+        """Learn the filters of charges anew beside the effects of a state; tell whether they moved.
+
+        Then the motion and its derivatives are those with them.
+        """
+        own, case = self.scene.varied, self.scene.case
+        if own is None:
+            return False
+        _, effects = self.values_at(state.x)
+        residual = case.band.project(case.residual(state.motion))
+        at, *known = self.error.most_probable(residual)
+        around = self.scene.variation_beside(effects, self.filters)
+        filters = filters_of(around, self.scene.charges, self.error, at, *known)
+        before = self.filters
+        moved = max(
+            float(np.abs(new.own[:, None] + new.paths - old.own[:, None] - old.paths).max())
+            for new, old in ((filters[b], before[b]) for b in filters)
+        )
+        if moved < STILL * at.holes:
+            return False
+        self._vary(filters)
+        motion = self.simulated(state.x)
+        if motion is None:
+            self._vary(before)
+            return False
+        state.motion = motion
+        if self.renews:
+            self._derive(state, np.ones(len(state.x), dtype=bool))
+        return True
 
     def worsened(self, before: FitState, after: FitState) -> bool:
         """Tell whether a state is less probable than the one before, priors included."""
@@ -189,9 +229,11 @@ class Fitter:
     def fit_at(self, state: FitState, posterior: Posterior) -> "Fit":
         """Return the fit at a state."""
         values, effects = self.values_at(state.x)
-        planned = state.motion - self.scene.unplanned
-        chi_square = self.scene.baseline.chi_square(planned)
-        return Fit(effects, values, state, posterior, chi_square)
+        chi_square = self.scene.baseline.chi_square(state.motion - self.filtered.change)
+        filters, unplanned = self.filters, self.filtered.change
+        return Fit(
+            effects, values, state, posterior, chi_square, filters=filters, unplanned=unplanned
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -211,6 +253,10 @@ class Fit:
         Energy that remains of each record over that which usual errors leave.
     alternatives : tuple of Fit
         Other modes: the same effects at values of nearly the same evidence.
+    filters : mapping of int to Filters
+        Of charges, learned beside the effects.
+    unplanned : (n_blasts, n_receivers, 3, n_samples) float64, m/s, or zero
+        What these change.
     """
 
     effects: tuple[Effect, ...]
@@ -219,6 +265,8 @@ class Fit:
     posterior: Posterior
     chi_square: np.ndarray
     alternatives: tuple["Fit", ...] = ()
+    filters: Mapping[int, Filters] = field(default_factory=dict)
+    unplanned: np.ndarray | float = 0.0
 
     @property
     def motion(self) -> np.ndarray:
@@ -280,14 +328,24 @@ def fit(
     if base is not None and not fitter.by_runs[len(base.state.x) :].any() and not fitter.renews:
         with fitter.without_runs():
             minimise(fitter, state)
-    posterior = minimise(fitter, state)
+    posterior = _minimised(fitter, state)
     if not fitter.renews:  # the calibrated values have moved along slopes alone
         fitter.reference = fitter.values_at(state.x)[0]
         motion = fitter.simulated(state.x)
         if motion is not None:
             state.motion = motion
-            posterior = minimise(fitter, state)
+            posterior = _minimised(fitter, state)
     return fitter.fit_at(state, posterior)
+
+
+def _minimised(fitter, state):
+    """Take steps from a state, and learn the filters of charges anew beside what they reach."""
+    posterior = minimise(fitter, state)
+    for _ in range(ROUNDS if fitter.renews else 1):  # further steps cost runs
+        if not fitter.relearned(state):
+            break
+        posterior = minimise(fitter, state)
+    return posterior
 
 
 def fit_calibrated(scene: Scene) -> Fit:
@@ -313,7 +371,7 @@ def corrected(scene: Scene, fit: Fit, shift) -> Fit:
     shift : (n_blasts, n_receivers, 3, n_samples) float64, m/s
         What a finer mesh adds to the motion of the fit.
     """
-    fitter = Fitter(scene, fit.effects, fit.values, shift)
+    fitter = Fitter(scene, fit.effects, fit.values, shift, filters=fit.filters or None)
     state = fit.state.copy()
     motion = fitter.simulated(state.x)
     assert motion is not None  # it was fitted

@@ -250,7 +250,7 @@ def _cheapest_first(scene, rows):
 
 def _change_without_runs(scene, trial):
     """Return the changes by effects on holes or motion, in the band; None if one fails."""
-    motion, changes = scene.baseline.motion + scene.unplanned, []
+    motion, changes = scene.baseline.motion + scene.filtered().change, []
     for effect in trial.effects:
         with scene.contained((effect,)):
             changes.append(scene.seen(scene.received(motion, (effect,)) - motion))
@@ -315,7 +315,7 @@ class SiteScores:
         fit, baseline = self.fit, self.scene.baseline
         known = self.scene.error
         if fit is not None:
-            known = self.scene.error_beside(fit.effects, fit.values, fit.motion)
+            known = self.scene.error_beside(fit.effects, fit.values, fit.motion, fit.filters)
         held = self.scene.case.band.project(baseline.slopes)
         return with_calibrated(known, baseline.sigma[:, None, None, None, None] * held)
 
@@ -324,7 +324,8 @@ class SiteScores:
 
         The change of motion by them has an error of `IDEALISED` of its energy; theory.md (14.13).
         """
-        if all(effect.hypothesis.family == "instrument" for effect in fit.effects):
+        known_filters = fit.filters is self.scene.filters or not fit.filters
+        if known_filters and all(e.hypothesis.family == "instrument" for e in fit.effects):
             return self
         known = self._beside.get(id(fit))
         if known is None or known.fit is not fit:
@@ -398,7 +399,7 @@ class SiteScores:
     def prior(self) -> np.ndarray:
         """Records less the prediction of the calibrated site, at the prior."""
         baseline = self.scene.baseline
-        return self.residual(baseline.motion + self.scene.unplanned, baseline.values)
+        return self.residual(baseline.motion + self.scene.filtered().change, baseline.values)
 
     def _members_beside(self, fit):
         """Return the log Bayes factor (n_members, 1) of each member beside a fit."""
@@ -485,9 +486,10 @@ class SiteScores:
     def thresholds(self) -> dict[str, float]:
         """Least log Bayes factor of a class, by what asks for it."""
         mesh = UNCORRECTED * self.scene.case.band.project(self.scene.baseline.correction)
+        of_mesh = self.log_bayes(self.error.offset + np.stack([mesh, -mesh]))
         drawn, numerical = (
             np.max([*self.by_class(values).values()], axis=0, initial=-np.finfo(float).max)
-            for values in (self._collected(self.drawn), self.log_bayes(np.stack([mesh, -mesh])))
+            for values in (self._collected(self.drawn), of_mesh)
         )
         return {
             "least": LEAST_SCORE,

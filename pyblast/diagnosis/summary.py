@@ -56,11 +56,12 @@ def summarise_diagnosis(
     with contained(scene.failures, "detection limits"):
         if search.scores is not None and decision.outcome in ("NULL", "NAMED", "COMPOSITE"):
             limits = detection_limits(search.scores, fit.labels)
-    extra = scene.unplanned
     with contained(scene.failures, "look of the residual"):
-        before = remainder = residual_of(baseline, without.motion - extra, without.chi_square)
+        before = remainder = residual_of(
+            baseline, without.motion - without.unplanned, without.chi_square
+        )
         if fit is not without:
-            remainder = residual_of(baseline, fit.motion - extra, fit.chi_square)
+            remainder = residual_of(baseline, fit.motion - fit.unplanned, fit.chi_square)
     if search.scores is not None and decision.outcome not in ("NULL", "MISTAKE"):
         with contained(scene.failures, LOCATION):
             for look, each in ((before, without), (remainder, fit))[: 1 + (fit is not without)]:
@@ -98,7 +99,7 @@ def summarise_diagnosis(
         "next_measurement": _next_measurement(search, decision, remainder),
         "calibration": _calibration(baseline, fit),
         "model": {
-            "values": fit.values.tolist(),
+            "values": fit.values.tolist(), "error_share": fit.posterior.level,
             "effects": [
                 {"name": e.name, "target": e.target, "values": [list(v) for v in e.values]}
                 for e in fit.effects
@@ -290,7 +291,7 @@ def suspected_misfires(decision: Decision, scene: Scene) -> list[dict]:
         if not hole and not isinstance(scales, list):  # the whole blast by one factor
             continue
         ids = scene.case.project.blasts[blast].hole_ids
-        share = dict(zip(ids, scene.radiated(blast), strict=True))
+        share = dict(zip(ids, scene.radiated(blast, fit.filters or None), strict=True))
         if hole:
             ids, scales = (hole,), [scales]
         for name, scale in zip(ids, scales, strict=True):

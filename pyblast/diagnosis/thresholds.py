@@ -2,6 +2,7 @@
 
 from typing import NamedTuple
 
+from ..inference.variation import FEWEST
 from ..survey import SHORTEST_RECORD
 
 
@@ -56,7 +57,7 @@ MESH_SHARE = _enter(
     "Usual error of the finer mesh itself", "`python -m benchmarks cuts`, the median",
 )  # fmt: skip
 FEWEST_HOLES = _enter(
-    "FEWEST_HOLES", 5, "holes of a blast", "Fewest that show how much holes vary",
+    "FEWEST_HOLES", FEWEST, "holes of a blast", "Fewest that show how much holes vary",
     "of one hole alone, twice its charge read as variation of 50 to 98 %",
 )  # fmt: skip
 # Records

@@ -14,7 +14,7 @@ FREE = (0.01, 0.03, 0.1)  # the same, of each cell, where all cells are free; on
 TOGETHER = 64  # bodies that are scored at once, for the memory they need
 DIRECTIONS = 300  # of unrestricted changes, at most
 LEAST = 1e-6  # of the energy of the largest direction, below which another one is left out
-DIAGONAL = 1.73  # of a cube, over its edge
+KNOWN = 2.6  # edges of a cell, nearer than which no place is known: 1.5 diagonals
 HELD = 0.9  # probability of the volume that is given
 
 
@@ -102,15 +102,15 @@ class Located:
     def within(self, least: float) -> float:
         """Return the distance from the best place in m that holds `HELD`.
 
-        Not less than a distance in m, nor than the diagonal of a cube of the size of the place:
-        half of that held two of eight bodies of ``verification/located.json``.
+        Not less than a distance in m, nor than 1.5 diagonals of a cube of the size of the place:
+        one diagonal held six of nine bodies of ``verification/located.json``.
         """
         apart = np.linalg.norm(self.places.centres - self.places.centres[self.best], axis=1)
         order = np.argsort(apart, kind="stable")
         last = np.searchsorted(np.cumsum(self.probability[order]), HELD)
         far = apart[order[min(int(last), len(order) - 1)]]
         cube = self.places.sizes[self.best] ** (1.0 / (2 if self.places.names else 3))
-        return float(max(far, least, DIAGONAL * cube))
+        return float(max(far, least, KNOWN * cube))
 
 
 def located(error: ErrorModel, places: Places, residual: np.ndarray, prior: float) -> Located:

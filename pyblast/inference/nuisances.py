@@ -54,6 +54,13 @@ class Nuisances:
         """Put the columns of both together."""
         return Nuisances(np.concatenate([self.columns, other.columns]), self.groups + other.groups)
 
+    def without(self, group: str) -> "Nuisances":
+        """Return the columns of all other groups."""
+        others = [n for n, own in enumerate(self.groups) if own != group]
+        if len(others) == len(self.groups):
+            return self
+        return Nuisances(self.columns[others], tuple(self.groups[n] for n in others))
+
 
 def design_nuisances(simulated, band: Band, mesh_errors, levels: Mapping[str, float]) -> Nuisances:
     """Build the columns of a survey that is designed: delays, gains, rotations, sources, mesh.
@@ -107,7 +114,7 @@ def _only(motion, index):
     return column
 
 
-def octave(n: int, n_padded: int, band: Band) -> np.ndarray:
+def octave(n: int, n_padded: int, band) -> np.ndarray:
     """Return the place of each frequency in the band, 0 to 1, over the logarithm."""
     frequency = fft.rfftfreq(n_padded, band.dt)
     low = max(band.low, 1.0 / (n * band.dt))

@@ -2,18 +2,31 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from scipy import fft, interpolate, linalg
 
 from .error_model import ErrorModel, Level, Levels
-from .nuisances import HOLES, Nuisances, moving_columns, octave
+from .nuisances import (
+    HOLES,
+    N_TRANSFER,
+    Firings,
+    Nuisances,
+    hole_parts,
+    moving_columns,
+    octave,
+)
 from .records import Band
 
+VARIED = 0.0, 0.1, 0.2, 0.4, 0.8  # levels of variation from hole to hole
+FEWEST = 5  # holes of a blast that show how much they vary
 COHERENT = 15.0  # m between charges, over which their paths vary together
 ROUNDS = 3  # of linearisation
 LOST = 1e-3  # of the energy of the columns of a blast that fewer columns leave out
 WIDE = 3.0  # levels: a charge that is further off, as a misfire, stays as it was planned
+DRAWS = 400  # of a further blast
+ENDS = 0.05, 0.95  # of the bands of its peaks
 FINE = 9  # levels around the most probable one
 SMALL = (0.0, 0.01, 0.02, 0.04, 0.07, 0.1)  # levels where none is the most probable
 
@@ -49,7 +62,15 @@ class Filters:
     paths: np.ndarray
 
 
-def log_filters(band: Band, n: int, size: int) -> np.ndarray:
+class Span(NamedTuple):
+    """Span of frequencies: a band without its functions; Hz, and s between samples."""
+
+    low: float
+    high: float
+    dt: float
+
+
+def log_filters(band: Band | Span, n: int, size: int) -> np.ndarray:
     """Return the logarithms of five smooth filters, (5, n_frequencies) complex128.
 
     Three cosines over log frequency in phase, two out of phase with half the amplitude. The log
@@ -59,6 +80,21 @@ def log_filters(band: Band, n: int, size: int) -> np.ndarray:
     x = np.pi * octave(n, size, band)
     first, second = 0.5 * np.cos(x), 0.5 * np.cos(2.0 * x)
     return np.array([1.0 + 0.0 * x, first, second, 1j * first, 1j * second]) / np.sqrt(2.5)
+
+
+class FilteredMotion(NamedTuple):
+    """Motion that charges send with filters.
+
+    Parameters
+    ----------
+    change : (n_blasts, n_receivers, 3, n_samples) float64, m/s, or zero
+        What the filters change.
+    charges : dict of int to (n_charges, n_receivers, 3, n_samples) float64, m/s
+        Motion of each charge with its filters, fired at zero, by blast.
+    """
+
+    change: np.ndarray | float
+    charges: dict[int, np.ndarray]
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,11 +108,7 @@ class Variation:
     paths : (n_blasts, n_receivers, 3 n_functions, 3 n_functions) float64, (m/s)2
         Covariance by the filters of paths.
     offset : (n_blasts, n_receivers, 3, n_functions) float64, m/s
-        What the columns and paths make of the filters, negative: the mean error of `change`.
-    change : (n_blasts, n_receivers, 3, n_samples) float64, m/s
-        What the filters change.
-    charges : dict of int to (n_charges, n_receivers, 3, n_samples) float64, m/s
-        Motion of each charge with its filters, fired at zero.
+        What the columns and paths make of the filters, negative: the mean error beside these.
     to_own : dict of int to (n_columns of the blast, n_charges 5) float64
         Filters of charges by their columns.
     to_paths : dict of int to (n_receivers, n_charges 5, 3 n_functions) float64, m/s
@@ -86,8 +118,6 @@ class Variation:
     columns: Nuisances
     paths: np.ndarray
     offset: np.ndarray
-    change: np.ndarray
-    charges: dict[int, np.ndarray]
     to_own: dict[int, np.ndarray]
     to_paths: dict[int, np.ndarray]
 
@@ -121,8 +151,40 @@ class Varied:
         return f"holes vary by about {100.0 * self.value:.0f} % ({ends})"
 
 
+def no_filters(charges: Mapping[int, Charges]) -> dict[int, Filters]:
+    """Return filters by which all charges send what was planned."""
+    shapes = {b: own.motion.shape[:2] for b, own in charges.items()}
+    return {b: Filters(np.zeros((h, 5)), np.zeros((h, r, 5))) for b, (h, r) in shapes.items()}
+
+
+def filtered_motion(
+    charges: Mapping[int, Charges], band: Band, n_blasts: int, filters
+) -> FilteredMotion:
+    """Return what charges send with filters, both by number of the blast."""
+    changed, varied = 0.0, {}
+    for b, own in charges.items():
+        n, total = own.motion.shape[-1], 0.0
+        size, turns = _transform(own, band)
+        kernels, varied[b] = log_filters(band.of_blast(b), n, size), np.empty_like(own.motion)
+        for h, motion in enumerate(own.motion):
+            spectrum = fft.rfft(motion, size)
+            factor = np.exp((filters[b].own[h] + filters[b].paths[h]) @ kernels)[:, None]
+            total = total + spectrum * (factor - 1.0) * np.exp(turns * own.times[h])
+            varied[b][h] = fft.irfft(spectrum * factor, size)[..., :n]
+        changed = np.zeros((n_blasts, *own.motion.shape[1:])) + changed
+        changed[b] = fft.irfft(total, size)[..., :n]
+    return FilteredMotion(changed, varied)
+
+
+def _transform(charges, band):
+    """Return length of transforms of the charges of a blast, and derivatives of their phase."""
+    n = charges.motion.shape[-1]
+    size = fft.next_fast_len(n + max(n, int(np.max(charges.times) / band.dt) + 1), real=True)
+    return size, -2j * np.pi * fft.rfftfreq(size, band.dt)
+
+
 def variation(
-    charges: Mapping[int, Charges], band: Band, shape, known: Mapping[int, Filters] | None = None
+    charges: Mapping[int, Charges], band: Band, shape, filters: Mapping[int, Filters]
 ) -> Variation:
     """Linearise the variation from hole to hole around filters.
 
@@ -133,8 +195,8 @@ def variation(
     band : Band
     shape : tuple of int
         Number of blasts, of receivers, 3, and of functions.
-    known : mapping of int to Filters, optional
-        Filters around which it is linearised, by blast; none by default.
+    filters : mapping of int to Filters
+        By blast.
 
     Notes
     -----
@@ -143,11 +205,10 @@ def variation(
     n_blasts, n_receivers, _, n_functions = shape
     columns, to_own, to_paths = [], {}, {}
     paths = np.zeros((n_blasts, n_receivers, 3 * n_functions, 3 * n_functions))
-    offset, varied = np.zeros(shape), {}
-    change = np.zeros((*shape[:3], len(band.basis)))
+    offset = np.zeros(shape)
     for b, own in charges.items():
-        at = None if known is None else known[b]
-        varied[b], change[b], changes = _changes(own, band.of_blast(b), at)
+        at = filters[b]
+        changes = _changes(own, band.of_blast(b), at)
         flat = changes.reshape(-1, n_receivers, 3, n_functions)
         combined = _combinations(flat.reshape(len(flat), -1))
         for row in np.tensordot(combined, flat, 1):
@@ -157,35 +218,21 @@ def variation(
         each = np.moveaxis(mixed, 2, 0).reshape(n_receivers, len(flat), 3 * n_functions)
         paths[b] = each.swapaxes(1, 2) @ each
         to_own[b], to_paths[b] = combined, each
-        if at is not None:
-            offset[b] = -np.einsum("hrk,hkrcf->rcf", at.own[:, None] + at.paths, changes)
-    own_columns = moving_columns({HOLES: columns}, shape)
-    return Variation(own_columns, paths, offset, change, varied, to_own, to_paths)
+        offset[b] = -np.einsum("hrk,hkrcf->rcf", at.own[:, None] + at.paths, changes)
+    return Variation(moving_columns({HOLES: columns}, shape), paths, offset, to_own, to_paths)
 
 
 def _changes(charges, band, filters):
-    """Return the motion of charges with filters, the change of all, and derivatives by factors.
-
-    (n_charges, n_receivers, 3, n_samples), (n_receivers, 3, n_samples) and, in the band,
-    (n_charges, 5, n_receivers, 3, n_functions).
-    """
-    n, dt = charges.motion.shape[-1], band.dt
-    latest = int(np.max(charges.times) / dt) + 1
-    size = fft.next_fast_len(n + max(n, latest), real=True)
-    turns = -2j * np.pi * fft.rfftfreq(size, dt)
-    kernels, varied, changed, out = log_filters(band, n, size), [], 0.0, []
+    """Return derivatives by filters, (n_charges, 5, n_receivers, 3, n_functions), in the band."""
+    n, out = charges.motion.shape[-1], []
+    size, turns = _transform(charges, band)
+    kernels = log_filters(band, n, size)
     for h, motion in enumerate(charges.motion):
-        spectrum, late = fft.rfft(motion, size), np.exp(turns * charges.times[h])
-        if filters is not None:
-            factor = np.exp((filters.own[h] + filters.paths[h]) @ kernels)[:, None]
-            changed = changed + spectrum * (factor - 1.0) * late
-            spectrum = spectrum * factor
-            motion = fft.irfft(spectrum, size)[..., :n]
-        varied.append(motion)
-        part = fft.irfft(spectrum * late * kernels[:, None, None], size)[..., :n]
+        factor = np.exp((filters.own[h] + filters.paths[h]) @ kernels + turns * charges.times[h])
+        spectrum = fft.rfft(motion, size) * factor[:, None]
+        part = fft.irfft(spectrum * kernels[:, None, None], size)[..., :n]
         out.append(band.project(part[:, None])[:, 0])
-    total = 0.0 if filters is None else fft.irfft(changed, size)[..., :n]
-    return np.array(varied), total, np.array(out)
+    return np.array(out)
 
 
 def _combinations(rows):
@@ -202,26 +249,49 @@ def _coherence(places):
 
 
 def with_variation(error: ErrorModel, own: Variation, levels: tuple[float, ...]) -> ErrorModel:
-    """Return an error with variation from hole to hole, at some levels."""
+    """Return an error with variation from hole to hole, at some levels, in place of any other."""
     return replace(
         error, blocks=replace(error.blocks, paths=own.paths), offset=own.offset,
-        nuisances=error.nuisances + own.columns, levels=error.levels._replace(holes=levels),
+        nuisances=error.nuisances.without(HOLES) + own.columns,
+        levels=error.levels._replace(holes=levels),
     )  # fmt: skip
 
 
+class Learned(NamedTuple):
+    """Learned variation from hole to hole.
+
+    Parameters
+    ----------
+    filters : dict of int to Filters
+        Most probable ones, by blast.
+    around : Variation
+    filtered : FilteredMotion
+        With these filters.
+    level : Varied
+    levels : tuple of float
+        Up to one above the most probable: an effect leaves less to explain, not more.
+    """
+
+    filters: dict[int, Filters]
+    around: Variation
+    filtered: FilteredMotion
+    level: Varied
+    levels: tuple[float, ...]
+
+
 def learned_variation(
-    build: Callable[[Variation], ErrorModel],
+    build: Callable[[FilteredMotion], ErrorModel],
     charges: Mapping[int, Charges],
     band: Band,
     residual: np.ndarray,
     levels: tuple[float, ...],
-) -> tuple[Variation, Varied, tuple[float, ...]]:
+) -> Learned:
     """Learn how much holes vary, linearised anew around the most probable filters.
 
     Parameters
     ----------
     build : callable
-        ``(variation) -> error`` of all that is known, what is fitted included, around the motion
+        ``(filtered) -> error`` of all that is known, what is fitted included, around the motion
         with what the filters send, without variation.
     charges : mapping of int to Charges
         By number of the blast.
@@ -231,31 +301,30 @@ def learned_variation(
     levels : tuple of float
         Root mean squares of the log amplitude of a charge at a receiver, zero first.
 
-    Returns
-    -------
-    Variation
-        Around the most probable filters.
-    Varied
-    tuple of float
-        The levels up to one above the most probable: an effect leaves less to explain, not more.
-
     Notes
     -----
     theory.md (12.9).
     """
-    own, at = variation(charges, band, residual.shape), None
+
+    def at_filters():
+        own = variation(charges, band, residual.shape, filters)
+        with_filters = filtered_motion(charges, band, len(residual), filters)
+        whole = with_variation(build(with_filters), own, levels)
+        return own, with_filters, whole, residual - band.project(with_filters.change)
+
+    filters, at = no_filters(charges), None
     for _ in range(ROUNDS):
-        whole, rest = with_variation(build(own), own, levels), residual - band.project(own.change)
-        at, factors, weighted = _near(whole, at).most_probable(rest)
+        own, _, whole, rest = at_filters()
+        whole = _near(whole, at)
+        at, *known = whole.most_probable(rest)
         if at.holes == 0.0:
             break
-        known = _filters(own, charges, whole, at, factors, weighted)
-        own = variation(charges, band, residual.shape, known)
-    whole, rest = with_variation(build(own), own, levels), residual - band.project(own.change)
+        filters = filters_of(own, charges, whole, at, *known)
+    own, with_filters, whole, rest = at_filters()
     at, *_ = _near(whole, at).most_probable(rest)
     above = [level for level in levels if level > at.holes][:1]
     remaining = (*(level for level in levels if level <= at.holes), *above)
-    return own, _interval(whole, at, rest), remaining
+    return Learned(filters, own, with_filters, _interval(whole, at, rest), remaining)
 
 
 def _near(error: ErrorModel, at: Level | None) -> ErrorModel:
@@ -270,8 +339,20 @@ def _near(error: ErrorModel, at: Level | None) -> ErrorModel:
     return replace(error, levels=Levels(*near))
 
 
-def _filters(own, charges, whole, at, factors, weighted):
-    """Return the most probable filters by blast, from factors of columns and what remains."""
+def filters_of(
+    own: Variation, charges: Mapping[int, Charges], whole: ErrorModel, at: Level, factors, weighted
+) -> dict[int, Filters]:
+    """Return the most probable filters by blast.
+
+    Parameters
+    ----------
+    own : Variation
+    charges : mapping of int to Charges
+    whole : ErrorModel
+        With this variation.
+    at, factors, weighted
+        As `ErrorModel.most_probable` returns them.
+    """
     groups, filters = np.array(whole.nuisances.groups), {}
     mine, first = factors[groups == HOLES], 0
     for b, each in charges.items():
@@ -297,3 +378,95 @@ def _interval(whole: ErrorModel, at: Level, residual) -> Varied:
     weight = np.cumsum(np.exp(smooth - smooth.max()))
     low, middle, high = np.interp([0.05, 0.5, 0.95], weight / weight[-1], value)
     return Varied(float(middle), float(low), float(high))
+
+
+def charges_of(motion: np.ndarray, fired: Firings, places: np.ndarray, dt: float) -> Charges:
+    """Return the charges of a blast by its motion alone: holes that share a path but its length.
+
+    Parameters
+    ----------
+    motion : (n_receivers, 3, n_samples) float64, m/s
+    fired : Firings
+    places : (n_charges, 3) float64, m
+    dt : float, s
+
+    Notes
+    -----
+    theory.md (12.6).
+    """
+    n = motion.shape[-1]
+    size = fft.next_fast_len(3 * n, real=True)
+    omega = 2.0 * np.pi * fft.rfftfreq(size, dt)
+    own = np.array([
+        fft.irfft(part * np.exp(1j * omega * start), size)[..., :n]
+        for start, part in hole_parts(motion, fired, omega, size)
+    ])  # fmt: skip
+    return Charges(own, fired.times, places)
+
+
+class Scatter(NamedTuple):
+    """Scatter of a further blast around its plan.
+
+    Parameters
+    ----------
+    holes : float
+        Root mean square of the log amplitude of a charge at a receiver.
+    firing : float, s
+        Standard deviation of each time.
+    amplitude : float
+        Standard deviation of the log amplitude of the blast.
+    transfer : float
+        Share of the energy of each channel that smooth errors of the prediction take.
+    """
+
+    holes: float
+    firing: float
+    amplitude: float = 0.0
+    transfer: float = 0.0
+
+
+def peaks_of_drawn_blasts(
+    charges: Charges,
+    band: Band | Span,
+    scatter: Scatter,
+    n_draws: int = DRAWS,
+    seed: int = 1,
+) -> np.ndarray:
+    """Draw the peaks of a further blast, whose holes vary around what was planned.
+
+    Parameters
+    ----------
+    charges : Charges
+    band : Band or Span
+        In which filters vary; beyond, they are those of its ends.
+    scatter : Scatter
+    n_draws, seed : int, optional
+
+    Returns
+    -------
+    (n_draws, n_receivers, 3) float64, m/s
+        Largest absolute velocity of each component.
+
+    Notes
+    -----
+    theory.md (12.9).
+    """
+    rng, motion = np.random.default_rng(seed), charges.motion
+    n_charges, n_receivers, _, n = motion.shape
+    size, turns = _transform(charges, band)
+    kernels, root = log_filters(band, n, size), _coherence(charges.places)
+    waves = np.cos(np.pi * np.multiply.outer(np.arange(N_TRANSFER), octave(n, size, band)))
+    waves[1:] *= np.sqrt(2.0)
+    waves = np.concatenate([waves, 1j * waves]) / np.sqrt(2.0 * N_TRANSFER)
+    sent_by_each = fft.rfft(motion, size)
+    peaks = np.empty((n_draws, n_receivers, 3))
+    for peak in peaks:
+        own = rng.standard_normal((n_charges, 1, 5))
+        paths = np.tensordot(root, rng.standard_normal((n_charges, n_receivers, 5)), 1)
+        late = charges.times + scatter.firing * rng.standard_normal(n_charges)
+        log = scatter.holes * ((own + paths) @ kernels) + (turns * late[:, None])[:, None]
+        total = np.einsum("hrcf,hrf->rcf", sent_by_each, np.exp(log))
+        error = rng.standard_normal((n_receivers, 3, len(waves))) @ waves
+        total *= np.exp(np.sqrt(scatter.transfer) * error + scatter.amplitude * rng.normal())
+        peak[:] = np.abs(fft.irfft(total, size)[..., :n]).max(axis=-1)
+    return peaks

@@ -17,7 +17,7 @@ from ..blasts.hole_tables import read_blast
 from ..diagnosis.calibration import calibrate, taught
 from ..diagnosis.case import Case, case_of
 from ..diagnosis.decision import FINER_MESH, Decision, beside_held_out, decide, undecided
-from ..diagnosis.effects import HOLES, Scene, at_further, effects_of, predict
+from ..diagnosis.effects import HOLES, Scene, effects_of
 from ..diagnosis.fitting import fit_calibrated
 from ..diagnosis.forward import hole_motion, simulation_of, stored_fields
 from ..diagnosis.hypotheses import LIBRARY
@@ -35,6 +35,7 @@ from ..signals.seismogram import Seismogram
 from ..simulation.recipe import BETTER
 from ..simulation.simulation import Simulation
 from . import Interrupted, Progress, Say, numbered_folders, result_folder, silent
+from .prediction import Prediction, at_further, bands_of_peaks, predict, predicted_charges
 
 RESULT = "diagnosis.json"
 REPORT = "report.html"
@@ -352,8 +353,7 @@ def predict_file(file, output, summary, holes, path, baseline=False, runs=None):
 
     Returns
     -------
-    float or None, Hz
-        As of `predict_case`.
+    Prediction
     """
     case, model = case_of(read_case(file)), summary["model"]
     blast = _further(case, holes)
@@ -362,7 +362,13 @@ def predict_file(file, output, summary, holes, path, baseline=False, runs=None):
     effects = () if baseline else effects_of(model)
     motion = predict(case, blast, values, effects, runs or Path(output) / RUNS)
     write_bytes(path, _as_recorded(case, motion))
-    return case.project.shot.low_pass
+    varied = summary.get("holes_vary")
+    level = case.project.config.priors.holes_percent if varied is None else varied["value"]
+    source = "priors.holes_percent" if varied is None else "as the records show"
+    charges = predicted_charges(case, blast, values, effects, runs or Path(output) / RUNS)
+    share = model.get("error_share", 0.0)
+    bands = {} if charges is None else bands_of_peaks(case, motion, charges, 1e-2 * level, share)
+    return Prediction(case.project.shot.low_pass, level, source, bands)
 
 
 def check_further(file, holes, outputs=(), out=None):
@@ -563,7 +569,7 @@ def predict_case(
     path: str | Path,
     *,
     baseline: bool = False,
-) -> float | None:
+) -> Prediction:
     """Predict the motion of a further blast with a diagnosed model, as a miniSEED file.
 
     Parameters
@@ -581,9 +587,7 @@ def predict_case(
 
     Returns
     -------
-    float or None, Hz
-        Corner of the low-pass of what enters, which a record goes through, too, before it is set
-        beside the prediction (`Seismogram.filtered_like`).
+    Prediction
 
     Raises
     ------

@@ -4,12 +4,14 @@ import logging
 import math
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
 from ..blasts.compliance import compliance_csv
 from ..errors import Finding, InputError, ReadError
 from ..files import plain, write_summary, write_text
+from ..inference.variation import COHERENT, ENDS, Charges, Scatter, Span, peaks_of_drawn_blasts
 from ..model.model import Model
 from ..project.checks import Check, check
 from ..project.checks_ground import ModelSummary, summarise_model
@@ -99,6 +101,50 @@ class Outcome:
     check: Check
     run: solver.Run
     result: Result
+
+
+class SuperposedBands(NamedTuple):
+    """Central 90 % of the peaks of a superposed blast whose holes vary, (2, 3) m/s.
+
+    ``alike`` if all holes radiated as their charge says; lower and upper ends, by component.
+    """
+
+    varied: np.ndarray
+    alike: np.ndarray
+
+
+def superposed_bands(project: Project) -> SuperposedBands:
+    """Return the bands of the peaks of the blast that enters, by [priors] of a project.
+
+    Parameters
+    ----------
+    project : Project
+        With a motion that enters through a face.
+
+    Notes
+    -----
+    theory.md (12.9); filters of holes vary over the middle 90 % of the energy of the signature.
+    """
+    stages, priors = project.input, project.config.priors
+    assert stages is not None
+    hole, firing = stages.signature, stages.firing
+    last = int(np.ptp(firing.times) / hole.dt) + 1
+    motion = np.pad(np.nan_to_num(hole.velocity.T), ((0, 0), (0, last)))
+    power = np.cumsum(np.sum(np.abs(np.fft.rfft(motion)) ** 2, axis=0))
+    hz = np.fft.rfftfreq(motion.shape[-1], hole.dt)
+    low, high = np.interp([0.05, 0.95], power / power[-1], hz)
+    blast, n = project.blast, len(firing.times)
+    places = np.outer(COHERENT * np.arange(n), [1.0, 0.0, 0.0]) if blast is None else blast.centres
+    charges = Charges(
+        firing.scales[:, None, None, None] * motion, firing.times - firing.times.min(),
+        places,
+    )  # fmt: skip
+    bands = []
+    for level in (1e-2 * priors.holes_percent, 0.0):
+        scatter = Scatter(level, 1e-3 * priors.firing_ms)
+        drawn = peaks_of_drawn_blasts(charges, Span(low, high, hole.dt), scatter)
+        bands.append(np.quantile(drawn[:, 0], ENDS, axis=0))
+    return SuperposedBands(*bands)
 
 
 def run(

@@ -9,6 +9,7 @@ import pytest
 import pyblast.diagnosis.library  # noqa: F401  fills the library
 from pyblast.diagnosis.effects import Effect
 from pyblast.diagnosis.fitting import DIFFERENCE, Fitter
+from pyblast.inference.variation import FilteredMotion
 
 SLOPE = -0.8  # of the motion by the logarithm of a thickness
 
@@ -25,8 +26,9 @@ def fitter(thickest, thinnest=0.0):
 
     baseline = SimpleNamespace(sigma=np.zeros(0), slopes=np.zeros((0,)))
     scene = SimpleNamespace(
-        unplanned=0.0, case=None, baseline=baseline, simulate=simulate, error=None,
-        received=lambda motion, _: motion, contained=lambda _: nullcontext(),
+        filters={}, filtered=lambda _: FilteredMotion(0.0, {}), case=None, baseline=baseline,
+        error=None, simulate=simulate, received=lambda motion, *_: motion,
+        contained=lambda _: nullcontext(),
     )  # fmt: skip
     return Fitter(scene, (Effect("soft_surface_layer", "", ((7.0,), (0.4,))),), np.zeros(0))
 

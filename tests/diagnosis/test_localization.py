@@ -102,8 +102,8 @@ def found_at(log_bayes):
 
 def test_the_volume_that_holds_a_change_grows_where_places_are_alike():
     sharp, flat = found_at([0.0, 20.0, 0.0, 0.0]), found_at([5.0, 5.0, 5.0, 5.0])
-    assert (sharp.volume, sharp.within(0.0)) == (1e3, pytest.approx(17.3))
-    assert sharp.within(21.0) == 21.0
+    assert (sharp.volume, sharp.within(0.0)) == (1e3, pytest.approx(26.0))
+    assert sharp.within(31.0) == 31.0
     assert (flat.volume, flat.within(0.0)) == (4e3, 30.0)
     assert flat.score == pytest.approx(5.0)
 

@@ -7,18 +7,21 @@ import pytest
 from residual_case import DT, TIMES, residual_case
 from scipy import fft
 
-from pyblast.diagnosis.error import LEVELS, VARIED
+from pyblast.diagnosis.error import LEVELS
 from pyblast.inference.covariance import record_blocks
 from pyblast.inference.error_model import Change, ErrorModel, Levels
 from pyblast.inference.nuisances import HOLES, Nuisances, moving_columns
 from pyblast.inference.records import Records
 from pyblast.inference.variation import (
     LOST,
+    VARIED,
     Charges,
     Filters,
     Variation,
+    filtered_motion,
     learned_variation,
     log_filters,
+    no_filters,
     variation,
     with_variation,
 )
@@ -75,7 +78,7 @@ def linear(known=None) -> Variation:
     """Return the variation around filters."""
     return variation(
         {0: charges()}, BAND, (1, N_RECEIVERS, 3, BAND.n_functions),
-        None if known is None else {0: known},
+        no_filters({0: charges()}) if known is None else {0: known},
     )  # fmt: skip
 
 
@@ -90,14 +93,14 @@ def learned(level, seed):
 
 @pytest.mark.parametrize("level", [0.1, 0.2, 0.3])
 def test_the_level_of_drawn_holes_is_found_within_a_third(level):
-    found = [learned(level, seed)[1].value for seed in range(4)]
+    found = [learned(level, seed).level.value for seed in range(4)]
 
     assert abs(np.mean(found) - level) < level / 3.0
 
 
 def test_holes_that_do_not_vary_are_said_to_vary_by_less_than_some_per_cent():
-    around, varied, levels = learned(0.0, 1)
-    energy = varied.value**2 * around.energy
+    own = learned(0.0, 1)
+    varied, levels, energy = own.level, own.levels, own.level.value**2 * own.around.energy
 
     assert varied.high < 0.1
     assert varied.words.startswith("holes vary by less than")
@@ -110,7 +113,7 @@ def test_small_filters_change_motion_as_their_columns_and_large_ones_as_columns_
     around, step = drawn(0.3, rng), drawn(1e-4, rng)
     both = Filters(around.own + step.own, around.paths + step.paths)
 
-    for known, filters in ((None, step), (around, both)):
+    for known, filters in ((no_filters({0: charges()})[0], step), (around, both)):
         own = linear(known)
         of_charges = (
             own.to_own[0]
@@ -124,7 +127,7 @@ def test_small_filters_change_motion_as_their_columns_and_large_ones_as_columns_
         free = np.moveaxis(free, 1, 0).reshape(N_RECEIVERS, -1)
         of_paths = np.einsum("rk,rkf->rf", free, own.to_paths[0])
         said = (
-            BAND.project(own.change)
+            BAND.project(filtered_motion({0: charges()}, BAND, 1, {0: known}).change)
             + own.offset
             + (of_charges + of_paths.ravel()).reshape(own.offset.shape)
         )
@@ -177,8 +180,9 @@ def test_scales_of_varied_holes_are_named_without_the_level_alone():
     rng, around = np.random.default_rng(5), error()
     moved = BAND.project(sent(drawn(0.2, rng)) - sent())
     scaled = [0.3 * BAND.project(sent(scale(h)) - sent()) for h in range(N_HOLES)]
-    own, _, levels = learned_variation(lambda _: around, {0: charges()}, BAND, moved, VARIED)
-    whole, rest = with_variation(around, own, levels), moved - BAND.project(own.change)
+    own = learned_variation(lambda _: around, {0: charges()}, BAND, moved, VARIED)
+    whole = with_variation(around, own.around, own.levels)
+    rest = moved - BAND.project(own.filtered.change)
 
     without = around.scores(moved[None], [Change(np.array(scaled))]).log_bayes[0, 0]
     (beside,) = whole.scores(rest[None], [Change(np.array(scaled))]).log_bayes[0]

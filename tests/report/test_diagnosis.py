@@ -18,6 +18,7 @@ from pyblast.diagnosis.fitting import fit
 from pyblast.diagnosis.search import Search
 from pyblast.diagnosis.summary import diagnosis_lines, summarise_diagnosis, suspected_misfires
 from pyblast.diagnosis.thresholds import DECISIVE, REMAINS
+from pyblast.inference.variation import FilteredMotion
 from pyblast.report.diagnosis import (
     claims,
     detection_limit_rows,
@@ -151,10 +152,10 @@ def test_what_a_hole_radiates_is_its_scale_times_its_learned_variation():
     motion = np.random.default_rng(1).normal(size=(3, *scene.holes["B1"].shape[1:]))
     scene.holes = scene.holes | {"B1": motion}
     at = scene.case.blasts.index("B1")
-    around = SimpleNamespace(charges={at: factors[:, None, None, None] * motion})
+    own = FilteredMotion(0.0, {at: factors[:, None, None, None] * motion})
     assert suspected_misfires(decision, scene) == []
 
-    vars(scene)["varied"] = SimpleNamespace(around=around)
+    vars(scene)["varied"] = SimpleNamespace(filtered=own)
 
     assert scene.radiated("B1") == pytest.approx(factors)
     (row,) = suspected_misfires(decision, scene)
@@ -378,6 +379,18 @@ def test_what_is_unknown_though_the_misfit_is_small_says_why(deviation, said):
     text = lead(found, summary | {"evidence": evidence, "calibration": calibration})
 
     assert said in text
+
+
+def test_an_unknown_that_a_body_beats_says_by_how_much():
+    found, summary = made("UNKNOWN")
+    tested = {"improves": True, "subsets": [{}]}
+    evidence = summary["evidence"] | {"ranking": [{}], "best_labels": ["clock_error"]}
+    evidence |= {"open_set": 0.7}
+    fails = ["a change of the rock at one place alone has the Δ ln evidence 90, clock_error 40"]
+
+    said = lead(found, summary | {"held_out": tested, "evidence": evidence, "fails": fails})
+
+    assert f"the cause is outside of the library: {fails[0]}" in said
 
 
 def test_an_unknown_says_first_what_was_not_asked_and_how_its_residual_runs():

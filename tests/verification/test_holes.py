@@ -50,7 +50,7 @@ def test_a_row_is_hidden_at_three_per_cent_of_the_energy(name):
 
 def test_holes_vary_by_what_is_said():
     own = patterns()[0]
-    factors = [holes.varied(own.blast, 0.2, np.random.default_rng(seed)) for seed in range(30)]
+    factors = [holes.varied(own.blast, 0.2, np.random.default_rng(seed), 8) for seed in range(30)]
     _, omega = holes.grid()
     inside = (omega > 2.0 * np.pi * holes.BAND[0]) & (omega < 2.0 * np.pi * holes.BAND[1])
     size = np.sqrt(np.mean(np.log(np.abs(np.array(factors)[..., inside])) ** 2))

@@ -8,11 +8,12 @@ import pytest
 from small_site import holes, recorded, small_site
 
 import pyblast.diagnosis.library  # noqa: F401  fills the library
-from pyblast.diagnosis import effects
-from pyblast.diagnosis.effects import Effect, at_further, predict
+from pyblast.diagnosis.effects import Effect
 from pyblast.diagnosis.hypotheses import LIBRARY, patterns_of
 from pyblast.project.places import NEAR
 from pyblast.simulation.simulation import Simulation
+from pyblast.workflows import prediction
+from pyblast.workflows.prediction import at_further, predict
 
 AIR = Effect("air_blast", "", ((800.0,), (0.05,), (340.0,), (1.1,), (1.0,)))
 SOFT = Effect("soft_surface_layer", "", ((5.0,), (0.4,)))
@@ -57,7 +58,7 @@ def test_what_was_learned_of_holes_scales_each_hole_of_a_further_blast(monkeypat
     still = np.zeros((1, *case.motion.shape[1:]))
     own = np.random.default_rng(1).standard_normal((2, *case.motion.shape[1:]))
     monkeypatch.setattr(Simulation, "motion", lambda *_: still)
-    monkeypatch.setattr(effects, "hole_motion", lambda *_: {effects.FURTHER: own})
+    monkeypatch.setattr(prediction, "hole_motion", lambda *_: {prediction.FURTHER: own})
     steeper = Effect("charge_exponent", "", ((0.5,),))
 
     foretold = predict(case, blast, np.zeros(4), (steeper,))
