@@ -147,8 +147,9 @@ class Survey:
     ) -> Records:
         """Gather the recordings of all shots at common instants, with their noise.
 
-        A channel that never moves is left out, and a channel that is still before the shot gets
-        the noise of the channel with most noise, reversed in time.
+        A sensor of one component has one channel, the largest of its direction, which holds all
+        that it says. A channel that never moves is left out, and a channel that is still before
+        the shot gets the noise of the channel with most noise, reversed in time.
 
         Parameters
         ----------
@@ -172,8 +173,10 @@ class Survey:
             If sampling, ends or beginnings of the recordings don't fit, or a shot keeps none.
         """
         unused = dict(unused or {})
+        normals = {part.name: part.normal for shot in self.shots for part in self.stations(shot)}
         tables = [
-            {name: record for name, record in self.comparable(shot).items()
+            {name: _once(record, normals.get(name))
+             for name, record in self.comparable(shot).items()
              if name in receivers and (shot.name, name) not in unused}
             for shot in self.shots
         ]  # fmt: skip
@@ -251,6 +254,18 @@ def _geographic(record, receiver):
     if not record.seismogram.present[:2].all():
         return record, receiver.azimuth
     return record.rotated(receiver.azimuth), None
+
+
+def _once(record, normal):
+    """Return a recording with its component nearest to a direction alone; all without one."""
+    if normal is None:
+        return record
+    held = np.arange(3) == np.argmax(np.abs(normal))
+    seismogram = record.seismogram
+    velocity = np.where(held, seismogram.velocity, np.nan)
+    return replace(
+        record, seismogram=replace(seismogram, velocity=velocity), clipped=record.clipped & held
+    )
 
 
 def _sampling(every, band):

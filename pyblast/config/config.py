@@ -186,18 +186,28 @@ class DiagnosisConfig(Section):
     until_s: Positive | None = None
     trusted: list[Name] = Field([])
     held_out: list[Name] = Field([])
+    early_s: Span | None = None
     source_s: Positive | None = None
     trigger_s: Positive | None = None
     calibrate: bool = True
 
     @model_validator(mode="after")
     def _one_role(self):
-        """Refuse a blast in two lists, and two ways in which a source may be unknown."""
+        """Refuse a blast in two lists, two ways of an unknown source, and a window of no shots."""
         both = sorted(set(self.trusted) & set(self.held_out))
         if both:
             raise ValueError(f"the blast {both[0]!r} is in trusted and in held_out; keep one")
         if self.source_s is not None and self.trigger_s is not None:
             raise ValueError("source_s and trigger_s exclude one another; keep one")
+        if self.early_s is not None:
+            first, last = self.early_s
+            if not self.trusted:
+                raise ValueError("early_s: is a window of trusted shots; name them in trusted")
+            if not (first <= 0.0 < last):
+                raise ValueError(
+                    "early_s: must begin before the first arrival at 0 s and end after it, "
+                    f"got {self.early_s}"
+                )
         return self
 
     @model_validator(mode="after")

@@ -257,7 +257,7 @@ def taught(everything: Case, simulated: Callable[[Case], Simulation]) -> Case:
     -------
     Case
         Without trusted and held-out shots. With trusted shots: its ground is calibrated to them,
-        its receivers have the gains and the model error that they show.
+        its receivers have the gains, clocks and model error that they show.
 
     Raises
     ------
@@ -292,12 +292,12 @@ def taught(everything: Case, simulated: Callable[[Case], Simulation]) -> Case:
 
 
 def like_taught(case: Case, teacher: Case) -> Case:
-    """Return a case with the gains and model errors of the receivers of another one.
+    """Return a case with gains, clocks and model errors of the receivers of another one.
 
     Receivers that the other one lacks have those of its median receiver.
     """
     parts = {}
-    for key in ("gain", "share"):
+    for key in ("gain", "share") if teacher.clock is None else ("gain", "share", "clock"):
         values = dict(zip(teacher.receivers, getattr(teacher, key), strict=True))
         usual = float(np.median(getattr(teacher, key)))
         parts[key] = np.array([values.get(name, usual) for name in case.receivers])

@@ -26,6 +26,8 @@ class Case(Records):
         Why only a part of the band is compared; empty where the mesh carries all.
     gain : (n_receivers,) float64, optional
         Factor on simulated motion, as trusted shots show it.
+    clock : (n_receivers,) float64, optional
+        By how many s records are late, as first arrivals of trusted shots show it.
     share : (n_receivers,) float64, optional
         Model error, share of the energy of a record, as trusted shots show it.
     """
@@ -33,6 +35,7 @@ class Case(Records):
     project: Project
     carried: str = ""
     gain: np.ndarray | None = None
+    clock: np.ndarray | None = None
     share: np.ndarray | None = None
 
 

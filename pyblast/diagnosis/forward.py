@@ -23,7 +23,7 @@ from ..runs.secondary_sources import by_hole, by_joint, by_rock
 from ..simulation.estimate import cost_of
 from ..simulation.simulation import Simulation
 from .case import Case
-from .trusted_shots import with_source
+from .trusted_shots import time_shifted, with_source
 
 
 def simulation_of(
@@ -308,11 +308,14 @@ def _holes_of(bank, models, own, back):
 
 
 def _places(bank, sources, case, back):
-    """Return secondary sources by the functions of the band, with the gains of receivers."""
+    """Return secondary sources by the functions of the band, with gains and clocks."""
     spectra = bank.by_receiver(sources.spectra)
     shapes = np.empty((*spectra.shape[:-1], case.band.n_functions), np.float32)
     for b, r, c in np.ndindex(shapes.shape[2:5]):
-        functions = (back[b] @ case.band.functions((b, r, c))).astype(np.complex64)
+        functions = case.band.functions((b, r, c))
+        if case.clock is not None:
+            functions = time_shifted(functions.T, -case.clock[r], case.dt).T
+        functions = (back[b] @ functions).astype(np.complex64)
         shapes[:, :, b, r, c] = np.real(spectra[:, :, b, r, c] @ functions)
     if case.gain is not None:
         shapes *= case.gain[:, None, None].astype(np.float32)

@@ -1,4 +1,4 @@
-"""What trusted shots tell: source of each shot, gain and model error of each receiver."""
+"""What trusted shots tell: source of each shot; gain, clock and model error of receivers."""
 
 from dataclasses import replace
 
@@ -12,10 +12,12 @@ DOUBT = 4.0  # degrees of freedom of the weights of receivers
 DAMPING = 1e-2  # prior variance of the source: noise over signal, of a receiver as loud as all
 STEPS_PER_PERIOD = 40  # of a search for an origin time, at the top of the band
 FARTHEST = 1.0  # standard deviations of the origin time
+ONSET = 0.05  # of the largest motion of a record: its first arrival
+LATEST = 0.25  # of the shortest period: a clock farther off would fit a neighbouring cycle
 
 
 def with_source(case: Case, blast: str, motion: np.ndarray) -> np.ndarray:
-    """Return simulated motion with the gains of receivers and the source of a shot.
+    """Return simulated motion with gains and clocks of receivers and the source of a shot.
 
     Parameters
     ----------
@@ -37,6 +39,8 @@ def with_source(case: Case, blast: str, motion: np.ndarray) -> np.ndarray:
     table = case.project.config.diagnosis
     if case.gain is not None:
         motion = motion * case.gain[:, None, None]
+    if case.clock is not None:
+        motion = time_shifted(motion, case.clock[:, None], case.dt)
     if table is None or (table.source_s is None and table.trigger_s is None):
         return motion
     b = case.blasts.index(blast)
@@ -47,7 +51,7 @@ def with_source(case: Case, blast: str, motion: np.ndarray) -> np.ndarray:
     if table.source_s is not None:
         taps = _source(recorded, simulated, case, table.source_s)
         return _filtered(motion, taps, _lags(case, table.source_s))
-    return _shifted(motion, _origin(recorded, simulated, case, table.trigger_s), case.dt)
+    return time_shifted(motion, _origin(recorded, simulated, case, table.trigger_s), case.dt)
 
 
 def _in_band(case, motion):
@@ -124,21 +128,23 @@ def _origin(recorded, simulated, case, sigma):
     return float(shifts[np.argmax(score)])
 
 
-def _shifted(motion, shift, dt):
-    """Return motion late by a shift in s."""
+def time_shifted(motion: np.ndarray, shift: float | np.ndarray, dt: float) -> np.ndarray:
+    """Return motion (..., n_samples) late by shifts (...) in s; zero where nothing is known."""
     n = motion.shape[-1]
     size = fft.next_fast_len(2 * n, real=True)
-    turn = np.exp(-2j * np.pi * fft.rfftfreq(size, dt) * shift)
+    turn = np.exp(-2j * np.pi * fft.rfftfreq(size, dt) * np.asarray(shift)[..., None])
     return fft.irfft(fft.rfft(motion, size) * turn, size)[..., :n]
 
 
 def learned(case: Case, motion: np.ndarray, least: float) -> Case:
-    """Return a case with the gain and the model error of each receiver, as its shots show them.
+    """Return a case with gain, clock and model error of each receiver, as its shots show them.
 
     Parameters
     ----------
     case : Case
-        Of trusted shots, with nothing to find in them.
+        Of trusted shots, with nothing to find in them. ``diagnosis.early_s`` of its project is the
+        window about first arrivals that alone tells gains and clocks; without it whole records
+        tell gains, and clocks are right.
     motion : (n_blasts, n_receivers, 3, n_samples) float64, m/s
         Simulated, without gains of receivers.
     least : float
@@ -149,22 +155,59 @@ def learned(case: Case, motion: np.ndarray, least: float) -> Case:
     The model error of a receiver is the unexplained share of a shot whose gain the other shots
     gave, in the mean, and never less than that of the median receiver.
     """
+    motion = np.where(np.any(case.valid, axis=-1, keepdims=True), motion, 0.0)
     recorded = _in_band(case, np.where(case.valid, case.motion, 0.0))
-    simulated = _in_band(case, np.where(np.any(case.valid, axis=-1, keepdims=True), motion, 0.0))
-    energy = np.sum(recorded**2, axis=(2, 3))
-    exists = energy > 0.0
-    unit = np.where(exists, 1.0 / np.maximum(energy, 1e-300), 0.0)
-    product = unit * np.sum(recorded * simulated, axis=(2, 3))
-    square = unit * np.sum(simulated**2, axis=(2, 3))
+    simulated, early, clock = _in_band(case, motion), np.ones(1), None
+    window = case.project.config.diagnosis.early_s
+    if window is not None:
+        early = _about_arrivals(motion, window, case.dt)
+        clock = _clocks(case, recorded, simulated, early)
+        simulated = time_shifted(simulated, clock[:, None], case.dt)
+    exists, product, square = _products(early * recorded, early * simulated)
     gain = _ratio(product.sum(axis=0), square.sum(axis=0))
     usual = float(np.median(gain[exists.any(axis=0)]))
     gain = np.where(exists.any(axis=0), gain, usual)
     others = _ratio(product.sum(axis=0) - product, square.sum(axis=0) - square)
     others = np.where(exists.sum(axis=0) > 1, others, usual)
+    exists, product, square = _products(recorded, simulated)
     residual = np.where(exists, 1.0 - 2.0 * others * product + others**2 * square, 0.0)
     share = residual.sum(axis=0) / np.maximum(exists.sum(axis=0), 1)
     middle = float(np.median(residual[exists]))
-    return replace(case, gain=gain, share=np.maximum(share, max(middle, least)))
+    return replace(case, gain=gain, clock=clock, share=np.maximum(share, max(middle, least)))
+
+
+def _products(recorded, simulated):
+    """Return which records exist, and records by motion and motion by motion over their energy."""
+    energy = np.sum(recorded**2, axis=(2, 3))
+    exists = energy > 0.0
+    unit = np.where(exists, 1.0 / np.maximum(energy, 1e-300), 0.0)
+    product = unit * np.sum(recorded * simulated, axis=(2, 3))
+    return exists, product, unit * np.sum(simulated**2, axis=(2, 3))
+
+
+def _about_arrivals(motion, window, dt):
+    """Return the weights (n_blasts, n_receivers, 1, n_samples), 1 within s after first arrivals."""
+    size = np.linalg.norm(motion, axis=2)
+    first = np.argmax(size >= ONSET * size.max(axis=-1, keepdims=True), axis=-1)
+    late = dt * (np.arange(size.shape[-1]) - first[..., None])
+    return ((late >= window[0]) & (late < window[1]))[:, :, None].astype(float)
+
+
+def _clocks(case, recorded, simulated, early):
+    """Return by how many s each receiver is late (n_receivers,): where its shots correlate best.
+
+    Whatever its polarity; zero without records.
+    """
+    step = 1.0 / (STEPS_PER_PERIOD * case.band.high)
+    most = int(LATEST * STEPS_PER_PERIOD)
+    shifts, scores = step * np.arange(-most, most + 1), []
+    for shift in shifts:
+        _, product, square = _products(
+            early * recorded, early * time_shifted(simulated, shift, case.dt)
+        )
+        correlation = np.abs(_ratio(product, np.sqrt(square)).sum(axis=0))
+        scores.append(correlation - 0.5 * DAMPING * (shift / shifts[-1]) ** 2)
+    return shifts[np.argmax(scores, axis=0)]
 
 
 def _ratio(top, bottom):

@@ -37,6 +37,29 @@ def record_without(record, count, offset):
     return replace(record, seismogram=replace(record.seismogram, velocity=velocity))
 
 
+@pytest.mark.parametrize("normal", [(0.0, 0.0, 1.0), (0.0, -3.0, 4.0), (1.0, 1.0, -1.0)])
+def test_a_sensor_of_one_component_is_one_channel_whatever_its_direction(normal):
+    site = site_with(0.0)
+    record = site.survey.recordings["S1"]["R0"]
+    alone = replace(record.seismogram, velocity=record.seismogram.velocity * [np.nan, np.nan, 1.0])
+    records = {b: dict.fromkeys(table, replace(record, seismogram=alone))
+               for b, table in site.survey.recordings.items()}  # fmt: skip
+    up = with_records(site, records)
+    receivers = tuple(replace(each, normal=normal) for each in up.survey.receivers)
+    turned = replace(up, survey=replace(up.survey, receivers=receivers))
+
+    case, up = case_of(turned), case_of(up)
+
+    column = int(np.argmax(np.abs(normal)))
+    part = normal[column] / np.linalg.norm(normal)
+    assert case.valid.any(axis=-1).sum(axis=-1).max() == 1
+    assert case.valid.sum() == up.valid.sum()
+    np.testing.assert_allclose(case.motion[..., column, :], part * up.motion[..., 2, :])
+    np.testing.assert_allclose(
+        case.noise.variance[:, column], part**2 * up.noise.variance[:, 2], rtol=1e-9
+    )
+
+
 @pytest.mark.parametrize("share", [0.4, -0.3])
 def test_records_between_the_instants_of_the_blast_are_read_at_them(share):
     whole, off = (case_of(site_with(part * DT)).motion for part in (0.0, share))

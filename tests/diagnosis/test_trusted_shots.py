@@ -1,15 +1,22 @@
 """Trusted shots: the source is what all receivers share, gains and model errors are receivers'."""
 
-from dataclasses import make_dataclass
+from dataclasses import make_dataclass, replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import small_site
 
 from pyblast.config.config import DiagnosisConfig
-from pyblast.diagnosis.library.instruments import pairs_of_near_receivers, swapped_channels
+from pyblast.diagnosis.calibration import taught
+from pyblast.diagnosis.forward import simulation_of
+from pyblast.diagnosis.library.instruments import (
+    moved_along_line,
+    pairs_of_near_receivers,
+    swapped_channels,
+)
 from pyblast.diagnosis.library.paths import loss_along_paths
-from pyblast.diagnosis.trusted_shots import explained, learned, with_source
+from pyblast.diagnosis.trusted_shots import explained, learned, time_shifted, with_source
 
 DT, N, RECEIVERS = 2e-3, 300, 8
 TIMES = DT * np.arange(N)
@@ -34,11 +41,11 @@ WITHOUT_HOLES = SimpleNamespace(
 )
 
 
-def case_of(recorded, gain=None, **table):
+def case_of(recorded, gain=None, clock=None, **table):
     """Return records of one or several shots (n_shots, n_receivers, 3, n)."""
     fields = {
         "motion": recorded, "valid": np.abs(recorded).sum(axis=-1, keepdims=True) > 0.0,
-        "gain": gain, "share": None, "dt": DT,
+        "gain": gain, "clock": clock, "share": None, "dt": DT,
         "band": SimpleNamespace(low=8.0, high=40.0, dt=DT),
         "blasts": tuple(f"S{b}" for b in range(len(recorded))),
         "receivers": tuple(f"G{r}" for r in range(RECEIVERS)),
@@ -83,6 +90,87 @@ def test_gains_and_model_error_are_those_of_the_records():
 
     np.testing.assert_allclose(taught.gain, gains, rtol=1e-6)
     np.testing.assert_allclose(taught.share, 0.01, rtol=1e-6)  # the least
+
+
+GAINS = np.array([1.0, 0.5, 2.0, -1.0, 1.0, 0.8, 1.2, 0.6])
+CLOCKS = 1e-3 * np.array([0.0, 3.0, -4.0, 2.0, 0.0, -1.0, 5.0, -2.0])
+EARLY = {"trusted": ["S0"], "early_s": [-0.03, 0.04]}
+
+
+def echoed(scale):
+    """Return waves of three shots, each with an echo after the window of its first arrival."""
+    return np.stack([waves(late=0.01 * b) + scale * waves(late=0.16 + 0.01 * b) for b in range(3)])
+
+
+@pytest.mark.parametrize("echo", [0.0, 0.8, -1.5])
+def test_first_arrivals_tell_gains_and_clocks_whatever_comes_later(echo):
+    simulated = echoed(0.8)
+    received = GAINS[:, None, None] * time_shifted(echoed(echo), CLOCKS[:, None], DT)
+
+    taught = learned(case_of(received, **EARLY), simulated, 0.01)
+
+    np.testing.assert_allclose(taught.gain, GAINS, rtol=0.02)
+    np.testing.assert_allclose(taught.clock, CLOCKS, atol=1.0 / (40 * 40.0))
+    if echo == 0.8:
+        assert np.all(taught.share < 0.02)
+    else:  # what no gain explains is error, as large as the difference of the echoes
+        wrong = (0.8 - echo) ** 2 / (1.0 + echo**2)
+        np.testing.assert_allclose(taught.share, wrong, rtol=0.1)
+
+
+def test_whole_records_with_a_wrong_echo_would_tell_a_wrong_gain():
+    received = GAINS[:, None, None] * echoed(-1.5)
+
+    assert learned(case_of(received), echoed(0.8), 0.01).clock is None
+    assert np.all(learned(case_of(received), echoed(0.8), 0.01).gain / GAINS < 0.1)
+
+
+def test_a_receiver_without_record_is_as_usual():
+    received = GAINS[:, None, None] * echoed(0.8)
+    received[:, 5] = 0.0
+
+    taught = learned(case_of(received, **EARLY), echoed(0.8), 0.01)
+
+    assert taught.gain[5] == np.median(np.delete(taught.gain, 5))
+    assert taught.clock[5] == 0.0
+
+
+def test_a_trusted_blast_teaches_the_case_of_the_others():
+    plain = small_site.small_site()
+    table = {"trusted": ["S1"], "early_s": [-0.04, 0.1], "calibrate": False}
+    diagnosis = plain.config.diagnosis.model_copy(update=table)
+    site = replace(plain, config=plain.config.model_copy(update={"diagnosis": diagnosis}))
+    gain, clock = np.array([1.0, 0.5, -1.5, 2.0]), 1e-3 * np.array([0.0, 5.0, -4.0, 3.0])
+
+    def received(motion):
+        return gain[:, None, None] * time_shifted(motion, clock[:, None], small_site.DT)
+
+    case = taught(small_site.recorded(site, change=received), simulation_of)
+
+    assert case.blasts == ("B1",)
+    np.testing.assert_allclose(case.gain, gain, rtol=0.05)
+    np.testing.assert_allclose(case.clock, clock, atol=1.0 / (40 * case.band.high))
+    assert np.all(explained(case, simulation_of(case).motion(case.project)) > 0.95)
+
+
+def test_simulated_motion_is_as_late_as_clocks():
+    case = case_of(waves()[None], gain=GAINS, clock=CLOCKS)
+
+    moved = with_source(case, "S0", waves())
+
+    for r in range(RECEIVERS):
+        expected = GAINS[r] / (1.0 + r) * pulse(0.15 + 0.02 * r + CLOCKS[r])
+        np.testing.assert_allclose(moved[r, 2], expected, atol=1e-3)
+
+
+def test_a_receiver_that_stood_beside_another_has_its_motion_but_its_own_gain_and_clock():
+    case = case_of(waves()[None], gain=GAINS, clock=CLOCKS)
+    received = with_source(case, "S0", waves())[None]
+
+    moved = moved_along_line(SimpleNamespace(case=case), received, "G2", 2.0)
+
+    expected = GAINS[2] / 4.0 * pulse(0.15 + 0.06 + CLOCKS[2])
+    np.testing.assert_allclose(moved[0, 2, 2], expected, atol=1e-3)
 
 
 def test_a_gain_that_changes_from_shot_to_shot_is_a_model_error():
@@ -151,6 +239,9 @@ def test_two_swaps_of_the_same_channels_undo_one_another():
         ({"source_s": 0.1, "trigger_s": 0.1}, "exclude one another"),
         ({"until_s": -1.0}, "greater than 0"),
         ({"source_s": 0.0}, "greater than 0"),
+        ({"early_s": [-0.01, 0.02]}, "name them in trusted"),
+        ({"trusted": ["a"], "early_s": [0.01, 0.02]}, "must begin before"),
+        ({"trusted": ["a"], "early_s": [-0.02, 0.0]}, "end after it"),
     ],
 )
 def test_contradictory_roles_are_refused(table, said):

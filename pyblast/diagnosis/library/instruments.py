@@ -10,6 +10,7 @@ from ..hypotheses import (
     receivers_of_several_components,
     receivers_with_axes,
 )
+from ..trusted_shots import time_shifted
 
 SWAP = "two sensors that change places, or a calibration pulse"
 TAP = "a tap from a known side, or shots from three directions"
@@ -149,7 +150,10 @@ def moved_along_line(scene, motion, target, along):
     spline = make_interp_spline(places[order], np.eye(len(places))[order], 3)
     stood = np.clip(places[at] + along, places.min(), places.max())
     weights = (spline(stood) - spline(places[at])) / gain * gain[at]
-    return _with(motion, at, motion[:, at] + np.einsum("r,brct->bct", weights, motion))
+    alike = motion
+    if case.clock is not None:
+        alike = time_shifted(motion, (case.clock[at] - case.clock)[:, None], case.dt)
+    return _with(motion, at, motion[:, at] + np.einsum("r,brct->bct", weights, alike))
 
 
 AND = " and "
