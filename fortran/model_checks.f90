@@ -34,6 +34,7 @@ contains
         call check_indices(model, sizes, message)
         if (allocated(message)) return
         call check_implicit(model%implicit, sizes(n_nodes), message)
+        call check_dashpots(model%boundaries%dashpot_node, sizes(n_nodes), message)
         call check_domains(model%mesh, message)
         call check_memories(model, message)
         call check_edges(model%mesh, model%edges, message)
@@ -135,6 +136,17 @@ contains
             end do
         end associate
     end subroutine check_implicit
+
+    subroutine check_dashpots(dashpot_node, n_nodes, message)
+        !! A node has one dashpot: blocks of them are stepped side by side.
+        integer, intent(in) :: dashpot_node(:), n_nodes
+        character(len=:), allocatable, intent(inout) :: message
+        integer :: used(n_nodes)
+
+        used = 0
+        used(dashpot_node) = 1
+        if (sum(used) /= size(dashpot_node)) message = "'arrays/dashpot_node' repeats a node"
+    end subroutine check_dashpots
 
     subroutine check_memories(model, message)
         !! Zones of a law with memory must each have one.

@@ -326,10 +326,15 @@ def lose_delay(file):
         handle["arrays/load_delay"][0] = np.nan
 
 
+def put_two_dashpots_on_a_node(file):
+    with h5py.File(file, "r+") as handle:
+        handle["arrays/dashpot_node"][1] = handle["arrays/dashpot_node"][0]
+
+
 @pytest.mark.parametrize(
     "damage",
     [cut, remove_array, lengthen, empty, point_outside, point_before, change_kind, age, stop_time,
-     raise_order, lose_delay],
+     raise_order, lose_delay, put_two_dashpots_on_a_node],
 )  # fmt: skip
 def test_a_broken_model_file_is_refused_in_one_sentence(damage, exported, tmp_path):
     broken = tmp_path / "broken.h5"
