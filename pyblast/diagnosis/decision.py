@@ -13,7 +13,7 @@ from ..inference.location import located, unrestricted
 from ..simulation.simulation import Simulation
 from .cross_validation import CrossValidation, cross_validate
 from .effects import Scene
-from .fitting import Fit, corrected, fit, not_improved
+from .fitting import Fit, corrected, fit, not_fitted, not_improved
 from .forward import quarter_wave
 from .search import Search, material, worst
 from .thresholds import (
@@ -132,7 +132,7 @@ def decide(search: Search, finer: Simulation | None = None) -> Decision:
     with contained(search.scene.failures, OPEN_SET_TEST):
         open_set = open_set_ratio(search, chosen)
         elsewhere = body_explains_more(search, chosen)
-    fails = (*fails, *elsewhere)
+    fails = (*not_fitted(chosen), *fails, *elsewhere)
     basis = (probability, share, tested, chosen, mesh_change, fails, open_set)
     if not tested.supports or elsewhere or (open_set is not None and open_set < OPEN_SET):
         return Decision("UNKNOWN", without, (), *basis)
@@ -319,7 +319,7 @@ def intervals(fit: Fit) -> list[dict]:
 def _ends(fit):
     """Return the lower and upper ends (2, n_parameters) of 90 % intervals of one mode."""
     blasts = np.count_nonzero(fit.chi_square.any(axis=1))
-    half = HALF_WIDTH * np.sqrt(blasts * np.diag(fit.posterior.covariance))
+    half = HALF_WIDTH * np.sqrt(np.minimum(blasts * np.diag(fit.posterior.covariance), 1.0))
     lower, upper = (x[len(fit.values) :] for x in (fit.state.x - half, fit.state.x + half))
     parameters = [
         parameter for effect in fit.effects

@@ -380,6 +380,22 @@ def corrected(scene: Scene, fit: Fit, shift) -> Fit:
     return replace(moved, alternatives=fit.alternatives)
 
 
+def not_fitted(fit: Fit) -> tuple[str, ...]:
+    """Return a sentence for each effect on the site of which no value could be changed.
+
+    Runs at other values were impossible, or too dear: its values are those where the fit began.
+    """
+    slopes, sentences = iter(fit.state.slopes[len(fit.values) :]), []
+    for effect in fit.effects:
+        own = [np.any(next(slopes)) for values in effect.values for _ in values]
+        if effect.hypothesis.on == "site" and own and not any(own):
+            sentences.append(
+                f"{effect.label} {effect.target}".rstrip() + " was not fitted: no run at other "
+                "values could be made; those given are where the fit began"
+            )
+    return tuple(sentences)
+
+
 def not_improved(scene: Scene, before: Fit, after: Fit) -> tuple[str, ...]:
     """Return a sentence for each large blast of which a fit explains less than another.
 

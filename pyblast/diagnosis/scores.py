@@ -601,6 +601,8 @@ def _limits_of(member, number, strength):
     beyond = strength > 1.0 and np.isfinite(own.null) and not own.low <= value <= own.high
     if strength > (max(1.0, most * share) if share else most) or beyond:
         return [(own.name, _Limit(np.inf, np.nan, ()))]
+    if np.isfinite(own.null):  # what is weaker than the range is not asked
+        value = float(np.clip(value, own.low, own.high))
     beside = tuple(
         (parameters[n].name, other) for n, other in enumerate(reached)
         if n != first and other not in (parameters[n].null, 0.0)

@@ -431,7 +431,8 @@ def _measurement(search, decision, remainder):
     ranked = search.ranked()[:3]
     paying = [fit.labels[-1] for fit in ranked if search.delta_ln_evidence(fit) > DECISIVE]
     labels = decision.rivals or paying
-    advice = [h.decided_by for h in LIBRARY.values() if h.label in labels and h.decided_by]
+    advice = [] if search.finished else ["give more --minutes: the budget ended before the search"]
+    advice += [h.decided_by for h in LIBRARY.values() if h.label in labels and h.decided_by]
     advice += [RESOLUTION_DECIDED_BY] if RESOLUTION in labels else []
     if decision.outcome == "UNKNOWN":
         asked = not_asked({"not_testable": _not_testable(search)})

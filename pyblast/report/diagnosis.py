@@ -386,7 +386,7 @@ def score_rows(summary: dict) -> list[str]:
     """Return the score of each label that was not fitted, best first."""
     fitted = {label for row in summary["evidence"]["ranking"] for label in row["labels"]}
     scores = summary["evidence"]["scores"].items()
-    return [f"{label} ({value:.0f})" for label, value in scores if label not in fitted]
+    return [f"{label} ({round(value):d})" for label, value in scores if label not in fitted]
 
 
 def required_evidence(summary: dict) -> float:
@@ -467,17 +467,23 @@ def _limit_sentence(limit):
     null, value = limit["null_value"], limit["value"]
     unit, factor = _unit(limit["unit"], abs(value))
     size = f"{value / factor:.2g} {unit}".rstrip()
-    if null is None or value < null:
-        size += " or less"
-    elif null == 0.0:
+    if null == 0.0:
         size = f"{abs(value) / factor:.2g} {unit}".rstrip() + " or more"
     else:
-        size += " or more"
-    beside = [f"{name} {amount:.2g}" for name, amount in limit["beside"].items()]
+        size += " or less" if null is None or value < null else " or more"
+    own = next(h for h in LIBRARY.values() if (h.label, h.form) == (limit["label"], limit["form"]))
+    units = {parameter.name: parameter.unit for parameter in own.parameters}
+    beside = [_with_unit(name, amount, units[name]) for name, amount in limit["beside"].items()]
     given = f" (with {', '.join(beside)})" if beside else ""
     missed = limit["not_detected_at"]
     but = f", but not at {joined_by_and(missed)}" if missed else ""
     return f"{of}: {limit['parameter']} of {size}{given} would have been detected{but}."
+
+
+def _with_unit(name, amount, unit):
+    """Return a parameter with its value in the usual unit."""
+    unit, factor = _unit(unit, abs(amount))
+    return f"{name} {amount / factor:.2g} {unit}".rstrip()
 
 
 def calibration_rows(summary: dict) -> list[dict]:

@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial import cKDTree
 
+from ..diagnosis.thresholds import MATERIAL
 from ..files import plain
 from ..mesh.faces import face_vectors, faces_of_skin, zone_faces
 from ..model.boundary import kinds_of
@@ -107,7 +108,7 @@ def with_diagnosis(shown: dict, misfits: dict, planes: dict, located: list) -> d
     shown : dict
         Of `scene`.
     misfits : dict of str to float
-        Mean chi-square of receivers.
+        Mean chi-square of receivers; colours reach `MATERIAL` at least.
     planes : dict of str to list of (n, 3) float64, m
         Outlines of the faults with effects; where the scene holds one of that name, it is marked.
     located : list of dict
@@ -117,7 +118,7 @@ def with_diagnosis(shown: dict, misfits: dict, planes: dict, located: list) -> d
     -------
     dict
     """
-    field = _field("misfit", np.array(list(misfits.values())))
+    field = _field("misfit", np.array([*misfits.values(), MATERIAL]))
     parts = [part | {"kind": "named"} if part["name"] in planes else part
              for part in shown["parts"]]  # fmt: skip
     for name in planes.keys() - {part["name"] for part in parts}:

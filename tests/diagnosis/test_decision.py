@@ -244,6 +244,18 @@ def test_a_blast_that_is_fired_again_makes_no_interval_narrower():
         assert thrice["shift"][end] == pytest.approx(once["shift"][end], rel=1e-9)
 
 
+def test_an_interval_is_never_wider_than_what_was_known_before():
+    _, _, slow, _, _ = fits()
+    known = np.eye(len(slow.state.x))
+    blind = replace(slow, posterior=replace(slow.posterior, covariance=known))
+    many = replace(blind, chi_square=np.repeat(blind.chi_square, 9, axis=0))
+    one = replace(blind, chi_square=blind.chi_square[:1])
+
+    (wide,), (alone,) = intervals(many), intervals(one)
+
+    assert wide["shift"] == alone["shift"]
+
+
 @pytest.mark.parametrize("turn", [1, -1])
 def test_a_set_of_effects_counts_once_whichever_was_found_first(turn):
     here, none, _, _, both = fits()

@@ -8,7 +8,7 @@ import pytest
 
 import pyblast.diagnosis.library  # noqa: F401  fills the library
 from pyblast.diagnosis.effects import Effect
-from pyblast.diagnosis.fitting import DIFFERENCE, Fitter
+from pyblast.diagnosis.fitting import DIFFERENCE, Fitter, not_fitted
 from pyblast.inference.variation import FilteredMotion
 
 SLOPE = -0.8  # of the motion by the logarithm of a thickness
@@ -49,3 +49,18 @@ def test_a_derivative_is_told_by_the_step_that_can_be(thinnest, thickest):
 
 def test_what_can_move_neither_way_has_no_derivative():
     assert not column(fitter(7.2, 6.9)).any()
+
+
+@pytest.mark.parametrize(("thinnest", "thickest", "words"), [
+    (0.0, 20.0, ()), (6.99, 7.01, ("soft_surface_layer was not fitted",)),
+])  # fmt: skip
+def test_an_effect_of_which_no_other_value_could_be_run_is_said_not_to_be_fitted(
+    thinnest, thickest, words
+):
+    one = fitter(thickest, thinnest)
+    state = one.begun(one.start())
+
+    said = not_fitted(SimpleNamespace(state=state, values=np.zeros(0), effects=one.effects))
+
+    assert len(said) == len(words)
+    assert all(text.startswith(word) for text, word in zip(said, words, strict=True))

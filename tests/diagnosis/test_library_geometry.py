@@ -217,13 +217,6 @@ def test_a_slope_is_not_sought_where_triangles_give_the_ground():
     assert "[[diagnosis.candidates]]" in untestable("topography", project)
 
 
-def test_the_air_wave_is_computed_over_flat_ground_alone():
-    survey = np.array([[x, y, 0.02 * x] for x in (-50.0, 170.0) for y in (-50.0, 140.0)])
-
-    assert not untestable("air_blast", site())
-    assert "not flat" in untestable("air_blast", site().changed(surface=survey))
-
-
 def test_a_mesh_that_was_read_says_what_would_make_it_testable():
     read = site().config.mesh.model_copy(update={"file": "ground.msh"})
     config = site().config.model_copy(update={"mesh": read})

@@ -353,11 +353,15 @@ LIMIT = {
         ({"label": "missing_joint", "form": "parallel", "target": "plane", "parameter": "kn",
           "unit": "Pa/m", "null_value": None, "value": 3e9, "beside": {"ks": 1.2e9},
           "not_detected_at": []},
-         "missing_joint (parallel) at any plane: kn of 3 GPa/m or less (with ks 1.2e+09) would "
+         "missing_joint (parallel) at any plane: kn of 3 GPa/m or less (with ks 1.2 GPa/m) would "
          "have been detected."),
         ({"label": "soft_surface_layer", "target": "site", "parameter": "slower", "unit": "",
           "null_value": 1.0, "value": 0.8, "not_detected_at": []},
          "soft_surface_layer: slower of 0.8 or less would have been detected."),
+        ({"label": "sensor_orientation_or_polarity", "form": "turned", "parameter": "turn",
+          "unit": "rad", "value": -0.26, "not_detected_at": []},
+         "sensor_orientation_or_polarity (turned) at any receiver: turn of 15 ° or more would have "
+         "been detected."),
         ({"value": None, "not_detected_at": []},
          "clock_error at any receiver: would not have been detected at any strength that was "
          "simulated."),

@@ -9,16 +9,12 @@ from benchmarks.blind.sites import HIDDEN
 from benchmarks.blind.worlds import delayed
 from pyblast.blasts.hole_effects import Pattern
 from pyblast.diagnosis.case import case_of
-from pyblast.diagnosis.effects import (
-    PredictionScene,
-    changed_site,
-    predict,
-    with_motion_effects,
-)
+from pyblast.diagnosis.effects import PredictionScene, changed_site, with_motion_effects
 from pyblast.diagnosis.forward import simulation_of
 from pyblast.diagnosis.hypotheses import blast_and_hole
 from pyblast.model.model import Receiver
 from pyblast.project.project import Project, load_project, with_further
+from pyblast.workflows.prediction import predict
 
 
 def predictions(case, asked, values, effects, folder) -> dict:
