@@ -287,8 +287,11 @@ def _surroundings_of(bank, offsets, probes, back):
 
 
 def _at_points(models):
-    """Tell whether all sources of models are points, the motion of which reciprocity gives."""
-    return all(
+    """Tell whether all sources of models are points, the motion of which reciprocity gives.
+
+    What enters through a face is none.
+    """
+    return all(model.sources for model in models) and all(
         isinstance(source, PointSource) and not isinstance(source, Column)
         for model in models for source in model.sources
     )  # fmt: skip

@@ -6,7 +6,7 @@ from grounds import case_on, slope
 from small_site import BAND, holes, recorded, small_site
 
 from pyblast.diagnosis.effects import Effect, changed_site
-from pyblast.diagnosis.forward import probe_positions_inside, simulation_of
+from pyblast.diagnosis.forward import _at_points, probe_positions_inside, simulation_of
 
 
 def test_a_run_counts_as_kept_once_and_only_if_it_was_there_before(tmp_path):
@@ -54,3 +54,12 @@ def test_a_joint_that_closes_moves_the_ground_as_on_a_mesh_twice_as_fine():
 
     assert np.sum((used - fine) ** 2) < 0.015 * np.sum(fine**2)
     assert np.sum((coarse - fine) ** 2) > 0.05 * np.sum(fine**2)
+
+
+def test_what_enters_through_a_face_comes_from_no_points():
+    through_face, inside = case_on("face"), case_on("flat")
+
+    for case, points in ((through_face, False), (inside, True)):
+        simulation = simulation_of(case)
+        models = [simulation.model(simulation.of(case.project, case.blasts[0]))]
+        assert _at_points(models) is points
