@@ -9,12 +9,11 @@ from scipy.special import logsumexp
 
 from ..errors import contained
 from ..ground.tables import is_anisotropic
-from ..inference.location import located, unrestricted
+from ..inference.location import unrestricted
 from ..simulation.simulation import Simulation
 from .cross_validation import CrossValidation, cross_validate
 from .effects import Scene
 from .fitting import Fit, corrected, fit, not_fitted, not_improved
-from .forward import quarter_wave
 from .search import Search, material, worst
 from .thresholds import (
     FAR_OFF,
@@ -33,8 +32,7 @@ RESOLUTION_CLAIM = "On a finer mesh the evidence of this answer is below the thr
 RESOLUTION_DECIDED_BY = (
     "shorter zones (`cuts` of `pyblast.workflows.diagnose`) until the answer stays"
 )
-IN_ROCK = 0.3  # prior standard deviation of the logarithms of speeds and density
-SPRINGS = 3.0  # spread of the logarithms of stiffness over that
+SPRINGS = 3.0  # spread of the logarithms of stiffness over that of speeds and density
 OPEN_SET_TEST = "open-set test"  # a part of a diagnosis that may fail
 FINER_MESH = "runs on a finer mesh"  # a part of a diagnosis that may fail
 HALF_WIDTH = 1.645  # standard deviations, half of a 90 % interval
@@ -180,11 +178,8 @@ def body_explains_more(search: Search, chosen: Fit) -> tuple[str, ...]:
     """
     if search.scores is None or any("body" in fitted.labels for fitted in search.fits):
         return ()
-    without, scene = search.without_effects, search.scene
     evidence = search.delta_ln_evidence(chosen)
-    bodies = scene.secondary_places[0].spread(quarter_wave(scene.baseline.project, scene.case))
-    residual = search.scores.residual(without.motion, without.values)
-    alone = located(search.scores.at_fit(without).error, bodies, residual, IN_ROCK)
+    alone = search.body_beside(search.without_effects)
     if alone.score <= evidence + LEAD:
         return ()
     return (

@@ -31,7 +31,7 @@ from ..inference.variation import (
 from ..project.project import Project
 from ..project.uncertain_ground import factors_of
 from ..simulation.estimate import cost_of
-from ..simulation.recipe import HARMONICS, sizes_for_band
+from ..simulation.recipe import HARMONICS
 from ..simulation.simulation import Simulation
 from ..units import plain_number
 from . import library  # noqa: F401  fills the library
@@ -664,7 +664,7 @@ def changed_site(
     """Return a project with calibrated values and the effects on its site.
 
     None where effects exclude one another. Effects that are not linear have a mesh that carries
-    harmonics of the band that is compared, see `Project.for_band`.
+    harmonics of the band that is compared, see `Project.sized_for_band`.
 
     Parameters
     ----------
@@ -687,7 +687,7 @@ def changed_site(
         return site
     if not project.meshed.mesh.hexahedral:
         return site
-    return site.changed(mesh=sizes_for_band(site.ground, HARMONICS * band[1]))
+    return site.changed(mesh=site.sized_for_band(band[1]))
 
 
 @dataclass(eq=False)

@@ -6,13 +6,16 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ..errors import contained
+from ..inference.location import Located, located
 from .effects import Scene
 from .error import with_calibrated
 from .fitting import LONGEST, Fit, fit, fit_calibrated, not_improved
+from .forward import quarter_wave
 from .hypotheses import LIBRARY
 from .scores import SiteScores, members_of, of_speeds
 from .thresholds import DECISIVE, LEAD, LEAST_SCORE, MATERIAL, MOST_EFFECTS, NOT_LINEAR, REFIT_GAIN
 
+IN_ROCK = 0.3  # prior standard deviation of the logarithms of speeds and density
 SCORES = "scores of every effect"  # a part of a diagnosis that may fail
 REFINED = 4  # classes whose further starting values are scored, in each pass
 SMALLER = 0.3  # steps of a fit that contradicts the score it began with
@@ -57,11 +60,31 @@ class Search:
     contradicted: dict[str, tuple[float, float]] = field(default_factory=dict)
     scores: SiteScores | None = None
     _beside: dict[int, tuple[Fit, dict]] = field(default_factory=dict, repr=False)
+    _bodies: dict[int, tuple[Fit, Located]] = field(default_factory=dict, repr=False)
 
     def delta_ln_evidence(self, fit: Fit) -> float:
         """Return the log Bayes factor of a fit over no effect, less ln(targets); (14.1)."""
         penalty = sum(np.log(len(e.hypothesis.targets(self.scene.case))) for e in fit.effects)
         return fit.log_evidence - self.without_effects.log_evidence - penalty
+
+    def body_beside(self, fit: Fit) -> Located:
+        """Return where in the rock one body explains what a fit leaves, found once for each.
+
+        Raises
+        ------
+        InputError, SolverError
+            If secondary sources can't be computed.
+        """
+        known = self._bodies.get(id(fit))
+        if known is None or known[0] is not fit:
+            scene, scores = self.scene, self.scores
+            assert scores is not None  # who asks has scores
+            rock = scene.secondary_places[0]
+            bodies = rock.spread(quarter_wave(scene.baseline.project, scene.case))
+            residual = scores.residual(fit.motion, fit.values)
+            body = located(scores.at_fit(fit).error, bodies, residual, IN_ROCK)
+            known = self._bodies[id(fit)] = fit, replace(body, places=rock)  # no further shapes
+        return known[1]
 
     def classes(self, base: Fit | None = None) -> dict[str, float]:
         """Return the score of each label beside those of a fit, best first; computed once."""

@@ -14,7 +14,7 @@ from ..inference.variation import Varied
 from .calibration import Baseline, like_taught
 from .case import Case, case_of
 from .cross_validation import CrossValidation
-from .decision import FINER_MESH, IN_ROCK, RESOLUTION, RESOLUTION_DECIDED_BY, Decision, intervals
+from .decision import FINER_MESH, RESOLUTION, RESOLUTION_DECIDED_BY, Decision, intervals
 from .effects import PredictionScene, Scene, with_motion_effects
 from .fitting import Fit
 from .forward import quarter_wave, simulation_of
@@ -572,8 +572,7 @@ def points_of(search: Search, fit: Fit) -> tuple[list[dict], dict | None]:
     scores, scene = search.scores, search.scene
     rock, joints = scene.secondary_places
     reach = quarter_wave(scene.baseline.project, scene.case)
-    residual, error = scores.residual(fit.motion, fit.values), scores.at_fit(fit).error
-    body = located(error, rock.spread(reach), residual, IN_ROCK)
+    body = search.body_beside(fit)
     cells = {
         name: np.round(column, 1).tolist()
         for name, column in zip("xyz", rock.centres.T, strict=True)
@@ -582,7 +581,10 @@ def points_of(search: Search, fit: Fit) -> tuple[list[dict], dict | None]:
     if body.score < scores.threshold or share > RESOLVED:
         return [], cells
     position, within, on = rock.centres[body.best], body.within(reach), None
-    patch = located(error, joints, residual, ON_JOINT) if len(joints.sizes) else None
+    patch = None
+    if len(joints.sizes):
+        residual, error = scores.residual(fit.motion, fit.values), scores.at_fit(fit).error
+        patch = located(error, joints, residual, ON_JOINT)
     if patch is not None and patch.log_bayes.max() > body.log_bayes.max():
         position, on = joints.centres[patch.best], joints.names[patch.best]
         within = patch.within(reach)

@@ -294,16 +294,21 @@ class Project:
         """Return the frequency in Hz that the blast asks a mesh to carry, if it does."""
         return self.shots[0].asked_frequency
 
-    def for_band(self, highest: float, accuracy: float = OF_FITS) -> MeshConfig:
-        """Return the table of the mesh on which records are fitted up to a frequency in Hz.
+    def sized_for_band(self, highest: float, accuracy: float = OF_FITS) -> MeshConfig:
+        """Return the table of `sizes_for_band`, by which hexahedra carry harmonics, too.
 
-        That of `sizes_for_band` where the ground takes hexahedra, else that of the file. Joints
-        of laws that are not linear make harmonics, which hexahedra carry up to `HARMONICS` times
-        that frequency.
+        Joints of laws that are not linear make them, up to `HARMONICS` times a frequency in Hz.
         """
         if not all(JOINT_LAWS[joint.law].linear for joint in self.joints):
             highest *= HARMONICS
-        fitted = sizes_for_band(self.ground, highest, accuracy)
+        return sizes_for_band(self.ground, highest, accuracy)
+
+    def for_band(self, highest: float, accuracy: float = OF_FITS) -> MeshConfig:
+        """Return the table of the mesh on which records are fitted up to a frequency in Hz.
+
+        That of `sized_for_band` where the ground takes hexahedra, else that of the file.
+        """
+        fitted = self.sized_for_band(highest, accuracy)
         plain = self.config.mesh.model_copy(update={"near_source_work": fitted.near_source_work})
         if fitted == plain:
             return plain
