@@ -1,6 +1,8 @@
 """Which cases SPECFEM3D records: blocks, effects, templates of ground, all fixed by a seed."""
 
+import os
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
@@ -73,3 +75,10 @@ def plan(seed: int = SEED) -> list[Draw]:
         template = "flat" if effect in FLAT else TEMPLATES[turns[number]]
         draws.append(Draw(number, block, effect, template, (seed, 1 + number)))
     return draws
+
+
+def store_of(seed: int = SEED) -> Path:
+    """Return the folder of the cases of a seed, ``PYBLAST_SPECFEM_CASES`` by default."""
+    folder = Path(__file__).resolve().parents[2] / "build" / "specfem"
+    folder = Path(os.environ.get("PYBLAST_SPECFEM_CASES", folder))
+    return folder if seed == SEED else folder.with_name(f"{folder.name}-{seed}")
