@@ -8,10 +8,11 @@ import numpy as np
 from examples.case_folder import SIDES, toml, write_project
 from pyblast.files import plain, write_bytes, write_text
 from pyblast.recordings.seismic import mseed_bytes
+from verification.proof.cases import digest_of
 
 from .hearing import shares
 from .plan import HARD_NULLS
-from .sites import BAND, BEFORE, DT, DURATION, FACE, FURTHER, SIZE
+from .sites import BAND, BEFORE, DT, DURATION, FACE, FURTHER, LARGE, SIZE
 
 START, NETWORK, CODES = "2024-05-01T10:00:00", "PB", ("HHE", "HHN", "HHZ")
 LAYERS = {1: ("rock",), 2: ("soil", "rock")}
@@ -44,43 +45,35 @@ def write_case(store: Path, case, recorded):
         write_project(folder / f"{blast}.toml", _tables(name, site, blast, others))
     _write_holes(truth / f"{FURTHER}_holes.csv", site.blasts[FURTHER])
     _write_motion(truth / f"{FURTHER}.mseed", site.names(), recorded.records[FURTHER])
-    for kind in ("clean", "believed"):
-        for blast, motion in getattr(recorded, kind).items():
-            _write_motion(truth / f"{kind}_{blast}.mseed", site.names(), motion)
+    for blast, motion in recorded.clean.items():
+        _write_motion(truth / f"clean_{blast}.mseed", site.names(), motion)
+    _write_motion(truth / f"believed_{LARGE}.mseed", site.names(), recorded.believed)
     write_text(truth / "truth.toml", _as_toml(truth_of(case, recorded)))
 
 
 def truth_of(case, recorded) -> dict:
     """Return the tables of ``truth.toml``."""
     names, draw = case.believed.names(), case.draw
-    energy = {
-        blast: shares(recorded.clean[blast], recorded.without[blast])
-        for blast in recorded.believed
-    }
-    blast = max(energy, key=lambda each: float(np.mean(energy[each])))
-    touched = energy[blast] >= LEAST
+    energy = shares(recorded.clean[LARGE], recorded.without)
+    touched = energy >= LEAST
     null = draw.effect in HARD_NULLS
     parameters = case.truth["parameters"]
     centre = {}
     if "wx" in parameters:
         middle = -parameters["top"] - 0.5 * parameters["height"]
         centre = {"void_centre_m": [parameters["x"], parameters["y"], middle]}
-    misfits = {each: shares(recorded.clean[each], motion)
-               for each, motion in recorded.believed.items()}  # fmt: skip
+    misfit = shares(recorded.clean[LARGE], recorded.believed)
     return plain({
-        "case": draw.name, "template": draw.template, "seed": list(draw.seed),
+        "case": draw.name, "drawn": digest_of(case.truth), "template": draw.template,
+        "seed": list(draw.seed),
         "effects": ["null"] if null else [draw.effect], "out_of_library": draw.block == "outside",
         "hard_null": draw.effect if null else "",
-        "effect_energy_mean_affected": float(energy[blast][touched].mean()) if touched.any()
-        else 0.0,
-        "effect_energy_blast": blast, "signal_to_noise": case.snr,
+        "effect_energy_mean_affected": float(energy[touched].mean()) if touched.any() else 0.0,
+        "effect_energy_blast": LARGE, "signal_to_noise": case.snr,
         "affected": {"receivers": [n for n, yes in zip(names, touched, strict=True) if yes]},
         "parameters": {} if null else {draw.effect: parameters},
-        "in_project_coordinates": centre, "effect_energy": energy,
-        "misfit_believed": {
-            each: {"median": float(np.median(values)), "per_receiver": values}
-            for each, values in misfits.items()
-        },
+        "in_project_coordinates": centre, "effect_energy": {LARGE: energy},
+        "misfit_believed": {LARGE: {"median": float(np.median(misfit)), "per_receiver": misfit}},
         "nuisance": case.truth["nuisance"], "numerics": recorded.numerics,
         "h1": {"holes": f"{FURTHER}_holes.csv", "records": f"{FURTHER}.mseed"},
     })  # fmt: skip

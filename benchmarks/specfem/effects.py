@@ -9,11 +9,10 @@ import numpy as np
 
 from .ground import VOID, Body
 from .hearing import airborne, humming, swinging
-from .mesh import DEPTH, PADDING
-from .sites import SIZE, Hill, Holes
+from .sites import LARGE, SIZE, Hill, Holes
 
 EFFECTS = {}
-LARGE = "B2"  # blast in which effects of single blasts are hidden
+FAR, DEEP = 2000.0, 1000.0  # m, beyond all that is meshed
 
 
 def effect(function):
@@ -66,7 +65,7 @@ def tunnel(world, rng):
 def dyke(world, rng):
     """Let a stiff dyke stand upright in the whole site."""
     middle = rng.uniform(105.0, 140.0), 0.5 * SIZE[1]
-    size = rng.uniform(14.0, 22.0), SIZE[1] + 2 * PADDING, DEPTH
+    size = rng.uniform(14.0, 22.0), 2 * FAR, DEEP
     return _with_body(world, middle, size, _soil(world), float(rng.uniform(1.4, 1.6)))
 
 
@@ -82,8 +81,8 @@ def basin(world, rng):
 def contact(world, rng):
     """Let another rock begin beyond an upright plane."""
     edge = float(rng.uniform(80.0, 130.0))
-    middle = 0.5 * (edge - PADDING), 0.5 * SIZE[1]
-    size = edge + PADDING, SIZE[1] + 2 * PADDING, DEPTH
+    middle = 0.5 * (edge - FAR), 0.5 * SIZE[1]
+    size = edge + FAR, 2 * FAR, DEEP
     return _with_body(world, middle, size, _soil(world), float(rng.uniform(0.7, 0.8)))
 
 
@@ -187,7 +186,7 @@ def _with_body(world, middle, size, top, factor):
     """Return the world with a box of other rock below a depth in m, and its parameters."""
     (x, y), (wx, wy, height) = map(float, middle), map(float, size)
     limits = ((x - 0.5 * wx, x + 0.5 * wx), (y - 0.5 * wy, y + 0.5 * wy),
-              (max(-top - height, -DEPTH), -top))  # fmt: skip
+              (-top - height, -top))  # fmt: skip
     ground = world.site.ground
     parameters = {"x": x, "y": y, "wx": wx, "wy": wy, "top": top, "height": height,
                   "factor": factor}  # fmt: skip

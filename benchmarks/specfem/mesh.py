@@ -1,6 +1,7 @@
 """Hexahedral meshes of a ground as the database that SPECFEM3D reads: lines, stretched columns."""
 
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -12,8 +13,13 @@ CORNERS = ((0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1,
 SIDES = (  # faces of a hexahedron by corners: west, east, south, north, bottom, top
     (0, 3, 7, 4), (1, 2, 6, 5), (0, 1, 5, 4), (3, 2, 6, 7), (0, 1, 2, 3), (4, 5, 6, 7),
 )  # fmt: skip
-PER_WAVE, PER_SLOW = 0.6, 0.9  # of the shortest S wave in rock, in slower layers: edges
-PADDING, DEPTH = 180.0, 200.0  # m, beyond the site and below the flat ground
+PER_WAVE, PER_SLOW = 0.5, 0.8  # of the shortest S wave in rock, in slower layers: edges
+PADDING, DEPTH = 50.0, 110.0  # m, beyond the site and below the flat ground, to the layer
+ABSORBING, WIDE = 2, 80.0  # elements across the matched layer, m across one
+REGIONS = {  # numbers of the parts of the matched layer by the axes along which they act
+    (1, 0, 0): 1, (0, 1, 0): 2, (0, 0, 1): 3, (1, 1, 0): 4, (1, 0, 1): 5, (0, 1, 1): 6,
+    (1, 1, 1): 7,
+}  # fmt: skip
 GROWTH = 2.0  # of edges beyond the site
 LEAST = 3.0  # m, between lines
 NO_Q = 9999.0
@@ -35,6 +41,8 @@ class Mesh:
     elements : (n_elements, 8) int64
     layers : (n_elements,) int64
         Number of the layer of an element, after the layers those of the bodies.
+    regions : (n_elements,) int64
+        Numbers of `REGIONS`, 0 inside of the matched layer.
     sides : tuple of 6 (elements, nodes (n, 4))
         West, east, south, north, bottom, top.
     """
@@ -43,6 +51,7 @@ class Mesh:
     nodes: np.ndarray
     elements: np.ndarray
     layers: np.ndarray
+    regions: np.ndarray
     sides: tuple
 
     def height(self, x, y):
@@ -71,11 +80,12 @@ def lines_of(limits, site, breaks, edge):
     """
     fixed = list(dict.fromkeys([*limits, *site]))
     for place in breaks:
-        if min(abs(place - other) for other in fixed) >= LEAST:
+        inside = limits[0] < place < limits[1]
+        if inside and min(abs(place - other) for other in fixed) >= LEAST:
             fixed.append(float(place))
     fixed.sort()
     found = [fixed[:1]]
-    for low, high in zip(fixed[:-1], fixed[1:], strict=True):
+    for low, high in pairwise(fixed):
         longest = edge if site[0] <= low and high <= site[1] else GROWTH * edge
         count = max(1, int(np.ceil((high - low) / longest - 1e-6)))
         found.append(np.linspace(low, high, count + 1)[1:])
@@ -110,13 +120,16 @@ def mesh_of(ground: Ground, size, frequency: float, finer: float = 1.0, breaks=(
     heights = [*ground.tops(), *(z for body in ground.bodies for z in body.limits[2])]
     upper = lines_of((-DEPTH, 0.0), (-DEPTH, 0.0), heights, deepest)
     lines.append(_split(upper, ground, edge))
-    return _assembled(ground, tuple(np.asarray(line) for line in lines))
+    outer = WIDE * np.arange(1, ABSORBING + 1)
+    lines = [np.concatenate([line[0] - outer[::-1], line, line[-1] + outer]) for line in lines]
+    lines[2] = lines[2][:-ABSORBING]
+    return _assembled(ground, tuple(lines))
 
 
 def _split(levels, ground, edge):
     """Return levels of which those in slow layers are no further apart than ``edge``."""
     found = [levels[:1]]
-    for low, high in zip(levels[:-1], levels[1:], strict=True):
+    for low, high in pairwise(levels):
         slow = ground.layer_of(0.5 * (low + high)) < len(ground.layers) - 1
         count = int(np.ceil((high - low) / edge - 1e-6)) if slow else 1
         found.append(np.linspace(low, high, count + 1)[1:])
@@ -127,8 +140,7 @@ def _assembled(ground, lines):
     """Return the mesh between lines, without its cavities."""
     shape = tuple(len(line) for line in lines)
     x, y, z = (each.ravel() for each in np.meshgrid(*lines, indexing="ij"))
-    bottom = lines[2][0]
-    stretched = z + ground.surface(x, y) * (z - bottom) / -bottom
+    stretched = z + ground.surface(x, y) * np.maximum(z + DEPTH, 0.0) / DEPTH
     nodes = np.column_stack([x, y, stretched])
     cells = np.stack(np.meshgrid(*(np.arange(n - 1) for n in shape), indexing="ij"), -1)
     cells = cells.reshape(-1, 3)
@@ -142,12 +154,16 @@ def _assembled(ground, lines):
         layers[inside] = number
         there &= ~inside if body.factor == VOID else True
     cells, elements, layers = cells[there], elements[there], layers[there]
+    last = np.array(shape) - 1 - ABSORBING
+    outside = (cells < ABSORBING) | (cells >= last)
+    outside[:, 2] = cells[:, 2] < ABSORBING
+    regions = np.array([REGIONS.get(tuple(axes), 0) for axes in outside.astype(int).tolist()])
     sides = []
     for side, face in enumerate(SIDES):
         axis, end = divmod(side, 2)
         at = np.flatnonzero(cells[:, axis] == (shape[axis] - 2 if end else 0))
         sides.append((at, elements[at][:, face]))
-    return Mesh(lines, nodes, elements, layers, tuple(sides))
+    return Mesh(lines, nodes, elements, layers, regions, tuple(sides))
 
 
 def time_step(mesh: Mesh, ground: Ground) -> float:
@@ -195,7 +211,13 @@ def write_database(folder: Path, mesh: Mesh, ground: Ground):
         for at, faces in mesh.sides:
             for element, face in zip(at, faces, strict=True):
                 file.write_record(np.array([element + 1, *number[face]], np.int32))
-        file.write_record(np.int32(0))  # elements of matched layers
+        absorbing = np.flatnonzero(mesh.regions)
+        file.write_record(np.int32(len(absorbing)))
+        file.write_record(np.int32(len(absorbing)))
+        for element in absorbing:
+            file.write_record(np.array([element + 1, mesh.regions[element]], np.int32))
+        for region in mesh.regions:
+            file.write_record(np.int32(region > 0))
         file.write_record(np.array([0, 0], np.int32))  # interfaces with other processes
 
 

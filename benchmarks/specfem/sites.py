@@ -7,8 +7,9 @@ import numpy as np
 from .ground import Ground, Rock
 
 SIZE = 230.0, 180.0  # m
-BAND = 3.0, 30.0  # Hz
-DT, BEFORE, DURATION = 0.002, 0.25, 0.9  # s: sampling, record before the zero, and after it
+BAND = 4.0, 25.0  # Hz
+DT, BEFORE, DURATION = 0.002, 0.25, 0.75  # s: sampling, record before the zero, and after it
+SINGLE, LARGE = "S1", "B2"  # blasts: of one hole, and in which effects of single blasts are hidden
 FURTHER = "H1"  # blast that no diagnosis reads
 FACE = 5.0  # m, of which lines of a slope are multiples, as the survey of the surface is
 APART = 14.0  # m, between receivers

@@ -19,6 +19,8 @@ LEAD = 0.02  # s, of a run before the blast's zero
 DYNE_CM = 1e7  # of 1 N m
 TALL = 1e-3  # m, below the top of the mesh: what stands on the ground is looked for inside
 BAND = 3.0, 30.0  # Hz, of attenuation
+CENTRE = 10.0  # Hz, for which the matched layer is set, and at which speeds are as stated
+MOST_LEFT = 0.3  # of the largest motion at the end of a run: more means that it grows
 PROGRAMS = "xgenerate_databases", "xspecfem3D"
 
 
@@ -81,9 +83,10 @@ def _set_up(folder, step, count, fades, places, mesh):
         (folder / name).mkdir()
     values = {
         "NPROC": 1, "NSTEP": count, "DT": f"{step:.9f}d0", "SUPPRESS_UTM_PROJECTION": ".true.",
-        "NGNOD": 8, "MODEL": "default", "STACEY_ABSORBING_CONDITIONS": ".true.",
-        "PML_CONDITIONS": ".false.", "ATTENUATION": f".{str(fades).lower()}.",
-        "COMPUTE_FREQ_BAND_AUTOMATIC": ".false.", "ATTENUATION_f0_REFERENCE": "10.d0",
+        "NGNOD": 8, "MODEL": "default", "STACEY_ABSORBING_CONDITIONS": ".false.",
+        "PML_CONDITIONS": ".true.", "f0_FOR_PML": f"{CENTRE}d0",
+        "ATTENUATION": f".{str(fades).lower()}.",
+        "COMPUTE_FREQ_BAND_AUTOMATIC": ".false.", "ATTENUATION_f0_REFERENCE": f"{CENTRE}d0",
         "MIN_ATTENUATION_PERIOD": f"{1.0 / BAND[1]:.6f}d0",
         "MAX_ATTENUATION_PERIOD": f"{1.0 / BAND[0]:.6f}d0",
         "USE_FORCE_POINT_SOURCE": ".false.", "USE_RICKER_TIME_FUNCTION": ".false.",
@@ -134,7 +137,7 @@ def _run(folder, program):
     Raises
     ------
     InputError
-        If it fails, with the last it said.
+        If it fails, with the last that it said.
     """
     done = subprocess.run([program_folder() / "bin" / program], cwd=folder, capture_output=True,
                           text=True, check=False)  # fmt: skip
@@ -150,6 +153,9 @@ def _read(folder, count):
         found.append([np.loadtxt(file) for file in three])
     times = found[0][0][:, 0] - LEAD
     motion = np.array([[table[:, 1] for table in three] for three in found])
+    peak, last = np.abs(motion).max(), np.abs(motion[..., -len(times) // 20 :]).max()
+    if not last <= MOST_LEFT * peak:
+        raise InputError("specfem: motion grows to the end of a run; take a shorter step")
     shutil.rmtree(folder / "OUTPUT_FILES")
     (folder / "OUTPUT_FILES").mkdir()
     return times, motion
