@@ -33,7 +33,7 @@ def soft_surface_layer(world, rng):
 @effect
 def attenuation_Q(world, rng):
     """Let waves fade."""
-    q = float(np.exp(rng.uniform(np.log(8.0), np.log(20.0))))
+    q = float(np.exp(rng.uniform(np.log(5.0), np.log(10.0))))
     return world.with_ground(q=q), {"Qs": q}
 
 
@@ -92,7 +92,7 @@ def damaged_zone(world, rng):
     places = np.concatenate([b.places[:, :2] for b in world.site.blasts.values()])
     low, high = places.min(axis=0) - rng.uniform(4, 9), places.max(axis=0) + rng.uniform(4, 9)
     size = *(high - low), rng.uniform(13.0, 17.0)
-    return _with_body(world, 0.5 * (low + high), size, 0.0, float(rng.uniform(0.55, 0.75)))
+    return _with_body(world, 0.5 * (low + high), size, 0.0, float(rng.uniform(0.65, 0.8)))
 
 
 @effect
@@ -153,7 +153,7 @@ def second_blast(world, rng):
 def instrument_response(world, rng):
     """Leave the swing of a geophone in the records of a receiver."""
     at = int(rng.integers(len(world.site.receivers)))
-    corner, damping = float(rng.uniform(5.0, 9.0)), float(rng.uniform(0.4, 0.8))
+    corner, damping = float(rng.uniform(3.0, 6.0)), float(rng.uniform(0.4, 0.8))
     heard = (*world.heard, swinging(at, corner, damping))
     named = {"target": world.site.names()[at], "corner": corner, "damping": damping}
     return replace(world, heard=heard), named

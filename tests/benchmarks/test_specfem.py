@@ -13,8 +13,9 @@ from benchmarks.specfem.plan import BLOCKS, DEVELOPMENT_SEED, HARD_NULLS, SEED, 
 from benchmarks.specfem.records import recorded
 from benchmarks.specfem.sites import BEFORE, DT, DURATION, FURTHER, draw_site
 from benchmarks.specfem.worlds import drawn, shaken
+from pyblast.errors import InputError
 from pyblast.project.project import load_project, with_further
-from verification.proof.cases import digest_of
+from verification.proof.cases import answered, as_crash, digest_of
 
 SPEED = 2500.0  # m/s, of the stub's only wave
 
@@ -144,3 +145,23 @@ def test_a_share_of_energy_is_that_of_the_difference():
     motion = np.zeros((1, 3, 500))
     motion[0, 0] = np.sin(2.0 * np.pi * 12.0 * DT * np.arange(500))
     assert shares(motion, 0.9 * motion) == pytest.approx([0.01])
+
+
+def test_a_case_that_is_not_made_or_of_another_draw_is_refused_and_no_crash(tmp_path, monkeypatch):
+    monkeypatch.setenv("PYBLAST_SPECFEM_CASES", str(tmp_path))
+    with pytest.raises(InputError, match="makes it"):
+        answered("specfem-04", tmp_path)
+    file = tmp_path / "truth" / "case-04" / "truth.toml"
+    file.parent.mkdir(parents=True)
+    file.write_text('drawn = "0"\n')
+    with pytest.raises(InputError, match="is of another draw"):
+        answered("specfem-04", tmp_path)
+
+
+def test_a_crash_on_a_hard_null_counts_as_one_on_a_null():
+    null, single = (next(draw for draw in plan() if draw.block == block)
+                    for block in ("hard null", "single"))  # fmt: skip
+    assert as_crash(null.name.replace("case", "specfem"), ValueError())["block"] == "hard null"
+    assert as_crash(single.name.replace("case", "specfem"), ValueError())["truth"] == [
+        single.effect
+    ]

@@ -188,12 +188,12 @@ def _truth_file(kind, name):
     """Return the truth file of a case, checked to be of the draw that was registered."""
     file = folder_of(kind) / "truth" / name / "truth.toml"
     if not file.is_file():
-        raise InputError(f"proof: {file} is not there; make it, see docs/quality/registration.md")
+        raise InputError(f"proof: {file} is not there; python -m benchmarks.specfem makes it")
     content = file.read_bytes()
     if kind == "specfem":
         sealed = digest_of(truth_of(name.replace("case", kind)))
         if tomllib.loads(content.decode())["drawn"] != sealed:
-            raise InputError(f"proof: {file} is of another draw; make it anew")
+            raise InputError(f"proof: {file} is of another draw; remove it and make it anew")
     return content
 
 
