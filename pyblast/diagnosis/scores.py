@@ -333,9 +333,11 @@ class SiteScores:
             known = self._beside[id(fit)] = replace(self, fit=fit, _beside={}, _of_blasts={})
         return known
 
-    def of(self, changes: Sequence[Change], blasts: Sequence[int], residuals: np.ndarray) -> Scores:
+    def of(
+        self, changes: Sequence[Change], blasts: Sequence[int], residuals, every: bool = False
+    ) -> Scores:
         """Return the scores of changes by the records of some blasts, of residuals of all."""
-        return self._error_of(tuple(blasts)).scores(residuals, changes)
+        return self._error_of(tuple(blasts)).scores(residuals, changes, every)
 
     def _error_of(self, blasts):
         """Return the error of the records of some blasts; those of a set are kept."""
@@ -354,10 +356,10 @@ class SiteScores:
             numbers.setdefault(member.blasts, []).append(n)
         return numbers
 
-    def of_members(self, residuals: np.ndarray) -> dict[tuple[int, ...], Scores]:
+    def of_members(self, residuals, every: bool = False) -> dict[tuple[int, ...], Scores]:
         """Return the scores of the members of each set of blasts, in the order of `numbers`."""
         return {
-            blasts: self.of([self.members[n].change for n in own], blasts, residuals)
+            blasts: self.of([self.members[n].change for n in own], blasts, residuals, every)
             for blasts, own in self.numbers.items()
         }
 
@@ -480,7 +482,8 @@ class SiteScores:
     @cached_property
     def drawn(self) -> dict[tuple[int, ...], Scores]:
         """Scores of the members of each set of blasts, of draws without an effect at `at`."""
-        return self.of_members(self.error.draws(np.random.default_rng(self.seed), DRAWS, self.at))
+        drawn = self.error.draws(np.random.default_rng(self.seed), DRAWS, self.at)
+        return self.of_members(drawn, every=True)
 
     @cached_property
     def thresholds(self) -> dict[str, float]:
