@@ -308,6 +308,9 @@ class SiteScores:
     fit: Fit | None = None
     _beside: dict[int, "SiteScores"] = field(default_factory=dict, repr=False)
     _of_blasts: dict[tuple, ErrorModel] = field(default_factory=dict, repr=False)
+    _scored: dict[int, tuple[Fit, np.ndarray]] = field(
+        default_factory=dict, init=False, repr=False
+    )
 
     @cached_property
     def error(self) -> ErrorModel:
@@ -404,8 +407,12 @@ class SiteScores:
         return self.residual(baseline.motion + self.scene.filtered().change, baseline.values)
 
     def _members_beside(self, fit):
-        """Return the log Bayes factor (n_members, 1) of each member beside a fit."""
-        return self.at_fit(fit).log_bayes(self.residual(fit.motion, fit.values)[None])
+        """Return the log Bayes factor (n_members, 1) of each member beside a fit, kept."""
+        known = self._scored.get(id(fit))
+        if known is None or known[0] is not fit:
+            scored = self.at_fit(fit).log_bayes(self.residual(fit.motion, fit.values)[None])
+            known = self._scored[id(fit)] = fit, scored
+        return known[1]
 
     def beside(self, fit: Fit) -> dict[str, float]:
         """Return the score of each label beside a fit, best first."""
@@ -470,14 +477,9 @@ class SiteScores:
         return pairs[best][0], float(scores.log_bayes[best, 0])
 
     @cached_property
-    def at_prior(self) -> dict[tuple[int, ...], Scores]:
-        """Scores of the members of each set of blasts around the calibrated site."""
-        return self.of_members(self.prior[None])
-
-    @property
     def at(self) -> Level:
-        """Most probable level of the error."""
-        return self.at_prior[main_blasts(self.scene.case)].at
+        """Most probable level of the error of the calibrated site."""
+        return self.of((), main_blasts(self.scene.case), self.prior[None]).at
 
     @cached_property
     def drawn(self) -> dict[tuple[int, ...], Scores]:
