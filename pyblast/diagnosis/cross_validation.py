@@ -127,7 +127,7 @@ def cross_validate(scene: Scene, before: Fit, after: Fit) -> CrossValidation:
         out = np.zeros(change.shape, dtype=bool)
         out[records] = scene.baseline.usual[records] > 0.0
         if name in targets or np.sum(expected[out]) < LEAST_LOSS:
-            others[name] = "the effect acts there alone" if name in targets else HARDLY
+            others[name] = "the effect acts on it alone" if name in targets else HARDLY
             continue
         with contained(others, name):
             first, second = (linear.without(out) for linear in whole)

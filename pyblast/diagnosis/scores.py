@@ -308,9 +308,7 @@ class SiteScores:
     fit: Fit | None = None
     _beside: dict[int, "SiteScores"] = field(default_factory=dict, repr=False)
     _of_blasts: dict[tuple, ErrorModel] = field(default_factory=dict, repr=False)
-    _scored: dict[int, tuple[Fit, np.ndarray]] = field(
-        default_factory=dict, init=False, repr=False
-    )
+    _scored: dict[int, tuple[Fit, np.ndarray]] = field(default_factory=dict, init=False, repr=False)
 
     @cached_property
     def error(self) -> ErrorModel:

@@ -252,8 +252,15 @@ def test_what_is_left_beside_an_effect_is_said_with_its_place():
         found.decision.fit, chi_square=np.full_like(found.decision.fit.chi_square, REMAINS)
     )
     found = replace(found, decision=replace(found.decision, fit=left, explained_share=0.5))
-    point = {"x": 71.2, "y": 40.0, "z": -9.6, "within_m": 12.0, "joint": None,
-             "nature": "soft", "in_pattern": True}
+    point = {
+        "x": 71.2,
+        "y": 40.0,
+        "z": -9.6,
+        "within_m": 12.0,
+        "joint": None,
+        "nature": "soft",
+        "in_pattern": True,
+    }
     partial = summary | {
         "outcome": "PARTIAL",
         "remainder": summary["located"] | {"points": [point]},
@@ -453,8 +460,15 @@ def test_the_best_of_cells_behind_one_another_is_shown_in_plan_and_in_section():
 @pytest.mark.parametrize("points", [0, 1])
 def test_a_map_of_the_rock_says_where_or_that_no_place_is_given(points):
     found, summary = made("UNKNOWN")
-    point = {"x": 71.2, "y": 40.0, "z": -9.6, "within_m": 12.0, "joint": "J1",
-             "nature": None, "in_pattern": False}
+    point = {
+        "x": 71.2,
+        "y": 40.0,
+        "z": -9.6,
+        "within_m": 12.0,
+        "joint": "J1",
+        "nature": None,
+        "in_pattern": False,
+    }
     cells = {"x": [10.0, 50.0], "y": [20.0, 20.0], "z": [-5.0, -5.0], "score": [4.0, 60.0]}
     look = summary["located"] | {"points": [point][:points], "cells": cells}
 
