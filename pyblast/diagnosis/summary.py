@@ -83,19 +83,7 @@ def summarise_diagnosis(
             "energy_share": None if FINER_MESH in scene.failures else round(float(mesh_energy), 4),
             "chi_square_of_answer": None if change is None else round(change, 2),
         },
-        "data_quality": {
-            "unused_records": case.unused,
-            "receivers_without_records": [
-                receiver.name for receiver in case.project.receivers
-                if receiver.name not in (*case.receivers, *case.unused)
-            ],
-            "band_hz": [case.band.low, case.band.high],
-            "band_limited": case.carried,
-            "clipped": _clipped(case),
-            "low_pass_hz": {name: case.project.survey.shot(name).low_pass for name in case.blasts},
-            "excluded_share": round(float(np.mean(~case.valid)), 4),
-            "implausible_peaks": [],  # of a project file
-        },
+        "data_quality": _data_quality(case),
         "fails": list(decision.fails),
         "next_measurement": _next_measurement(search, decision, remainder),
         "calibration": _calibration(baseline, fit),
@@ -159,6 +147,24 @@ def _calibration(baseline, fit):
             baseline.parameters, fit.values, fit.values / baseline.sigma, strict=True
         )
     ]  # fmt: skip
+
+
+def _data_quality(case):
+    """Return what of the records is not used, and how what is used was filtered."""
+    return {
+        "unused_records": case.unused,
+        "receivers_without_records": [
+            receiver.name
+            for receiver in case.project.receivers
+            if receiver.name not in (*case.receivers, *case.unused)
+        ],
+        "band_hz": [case.band.low, case.band.high],
+        "band_limited": case.carried,
+        "clipped": _clipped(case),
+        "low_pass_hz": {name: case.project.survey.shot(name).low_pass for name in case.blasts},
+        "excluded_share": round(float(np.mean(~case.valid)), 4),
+        "implausible_peaks": [],  # of a project file
+    }
 
 
 def _clipped(case):
@@ -458,7 +464,7 @@ def place_in_words(point: Mapping) -> str:
     """Return the place of a located residual in words: how far it is known, how the ground is."""
     on = f" on joint {point['joint']}" if point["joint"] else ""
     nature = f", {point['nature']} ground" if point["nature"] else ""
-    doubt = "; doubtful: inside of the blasted pattern" if point["in_pattern"] else ""
+    doubt = "; in doubt: inside of the blasted pattern" if point["in_pattern"] else ""
     return (
         f"east {point['x']:.0f} m, north {point['y']:.0f} m, height {point['z']:.0f} m{on} "
         f"(within {point['within_m']:.0f} m{nature}{doubt})"
@@ -616,8 +622,8 @@ def _nature(change):
     return "stiff" if all(modulus > 0.0 for modulus in moduli) else None
 
 
-def _in_pattern(case, place):
-    """Tell whether a place (3,) in m lies among the holes of a blast, seen from above.
+def _in_pattern(case, position):
+    """Tell whether a position (3,) in m lies among the holes of a blast, seen from above.
 
     It is no farther from a hole than holes are from the nearest other one, in the median.
     """
@@ -625,7 +631,7 @@ def _in_pattern(case, place):
         holes = np.unique(case.project.blasts[name].centres[:, :2].round(2), axis=0)  # decks once
         apart = np.linalg.norm(holes[:, None] - holes, axis=-1) + np.diag([np.inf] * len(holes))
         spacing = np.median(apart.min(axis=1))
-        if np.isfinite(spacing) and np.linalg.norm(holes - place[:2], axis=1).min() <= spacing:
+        if np.isfinite(spacing) and np.linalg.norm(holes - position[:2], axis=1).min() <= spacing:
             return True
     return False
 

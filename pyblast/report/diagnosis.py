@@ -458,7 +458,7 @@ def detection_limit_rows(summary: dict) -> list[str]:
 
     Forms of an effect that would not have been detected are named beside one that would.
     """
-    limits, rows, told = summary["detection_limits"], [], set()
+    limits, rows, stated = summary["detection_limits"], [], set()
     seen = {limit["label"] for limit in limits if limit["value"] is not None}
     for limit in limits:
         label, known = limit["label"], limit["value"] is not None
@@ -469,10 +469,10 @@ def detection_limit_rows(summary: dict) -> list[str]:
             f"as {each['form']}" if each["form"] != limit["form"] else f"by {each['parameter']}"
             for each in limits if each["label"] == label and each["value"] is None
         ]  # fmt: skip
-        if known and missed and label not in told:
+        if known and missed and label not in stated:
             ways = _joined(list(dict.fromkeys(missed)), "or")
             sentence = f"{sentence[:-1]}, {ways} at no strength that was simulated."
-        told.add(label)
+        stated.add(label)
         rows.append(sentence)
     return rows
 
