@@ -82,19 +82,17 @@ def pack_arrays(
     lame, shear = model.node_moduli()
     metric = np.zeros((n_mapped, size, 11, width))
     bricks = np.zeros((len(packs) - n_mapped, 5, width))
-    for number in range(len(packs)):
+    for number in range(n_mapped):
         zones, full = member[number], stiff[number]
-        if number < n_mapped:
-            metric[number, :, :9] = np.einsum(
-                "zarc,za,z->arcz", inverse[zones], nodes.volumes[zones], full
-            ).reshape(size, 9, width)
-            metric[number, :, 9] = (full[:, None] * lame[zones] / nodes.volumes[zones]).T
-            metric[number, :, 10] = (full[:, None] * shear[zones] / nodes.volumes[zones]).T
-        else:
-            eighth = full * nodes.volumes[zones].sum(axis=1) / 8.0
-            at = bricks[number - n_mapped]
-            at[:3] = np.einsum("zcc->cz", inverse[zones, 0])
-            at[3], at[4] = lame[zones, 0] * eighth, shear[zones, 0] * eighth
+        metric[number, :, :9] = np.einsum(
+            "zarc,za,z->arcz", inverse[zones], nodes.volumes[zones], full
+        ).reshape(size, 9, width)
+        metric[number, :, 9] = (full[:, None] * lame[zones] / nodes.volumes[zones]).T
+        metric[number, :, 10] = (full[:, None] * shear[zones] / nodes.volumes[zones]).T
+    of_bricks = member[n_mapped:]
+    eighth = stiff[n_mapped:] * nodes.volumes.sum(axis=1)[of_bricks] / 8.0
+    bricks[:, :3] = np.einsum("zcc->zc", inverse[:, 0])[of_bricks].transpose(0, 2, 1)
+    bricks[:, 3], bricks[:, 4] = lame[of_bricks, 0] * eighth, shear[of_bricks, 0] * eighth
     arrays = {
         "hex_order": order,
         "n_mapped": n_mapped,
