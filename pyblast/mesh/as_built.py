@@ -33,7 +33,6 @@ OF_EDGE = 0.1  # of positions, over the distance of nodes there
 EXACT = 1e-6  # m
 OF_ROUGHNESS = 5.0  # over the tolerance of lengths: a tenth of the wavelength
 RASTER = 400  # heights of a surface along each side of the box
-_AT_ONCE = 2**20  # pairs of a triangle and a height
 SAMPLES = 200  # of a plane under a surface, along strike and dip
 OF_SCATTERED = 0.1  # of the area of many fractures, or of joints with intact parts
 DISC_SIDES = 12  # of the polygon that stands for a disc
@@ -280,22 +279,21 @@ class _Surface:
 def _raster_of_triangles(surface, x, y):
     """Return the greatest heights of triangles over a raster, NaN where none lies."""
     raster = np.full((len(x), len(y)), np.nan)
-    low, high = surface.min(axis=1), surface.max(axis=1)
-    (i, j), (end_i, end_j) = (
-        [np.searchsorted(line, at[:, k]) for k, line in enumerate((x, y))] for at in (low, high)
+    i, j = (np.searchsorted(line, surface[..., k].min(axis=1)) for k, line in enumerate((x, y)))
+    ends = (np.searchsorted(line, surface[..., k].max(axis=1)) for k, line in enumerate((x, y)))
+    wide, deep = (
+        np.minimum(end + 1, n) - at for at, end, n in zip((i, j), ends, raster.shape, strict=True)
     )
-    wide, deep = np.minimum(end_i + 1, len(x)) - i, np.minimum(end_j + 1, len(y)) - j
-    a, b, c = surface.swapaxes(0, 1)
-    area = _cross(b[:, :2] - a[:, :2], c[:, :2] - a[:, :2])
+    a, to_b, to_c = surface[:, 0], surface[:, 1] - surface[:, 0], surface[:, 2] - surface[:, 0]
+    area = _cross(to_b, to_c)
     cells = np.where(np.abs(area) < EXACT**2, 0, wide * deep)  # of each triangle
-    for some in np.array_split(np.arange(len(surface)), 1 + int(cells.sum()) // _AT_ONCE):
-        of = np.repeat(some, cells[some])
-        number = np.arange(len(of)) - np.repeat(np.cumsum(cells[some]) - cells[some], cells[some])
+    for part in np.array_split(np.arange(len(surface)), 1 + int(cells.sum()) // raster.size):
+        of = np.repeat(part, cells[part])
+        number = np.arange(len(of)) - np.repeat(np.cumsum(cells[part]) - cells[part], cells[part])
         at = i[of] + number // deep[of], j[of] + number % deep[of]
-        (px, py), edges = (x[at[0]] - a[of, 0], y[at[1]] - a[of, 1]), ((b - a)[of], (c - a)[of])
-        u = (px * edges[1][:, 1] - py * edges[1][:, 0]) / area[of]
-        v = (edges[0][:, 0] * py - edges[0][:, 1] * px) / area[of]
-        height = a[of, 2] + u * edges[0][:, 2] + v * edges[1][:, 2]
+        away = np.column_stack([x[at[0]], y[at[1]]]) - a[of, :2]
+        u, v = _cross(away, to_c[of]) / area[of], _cross(to_b[of], away) / area[of]
+        height = a[of, 2] + u * to_b[of, 2] + v * to_c[of, 2]
         inside = (u >= -1e-9) & (v >= -1e-9) & (u + v <= 1.0 + 1e-9)
         np.fmax.at(raster, (at[0][inside], at[1][inside]), height[inside])
     return raster

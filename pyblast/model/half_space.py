@@ -220,8 +220,7 @@ def _reflected(radiation, k, nu, eta, depths, of_p, of_s):
     turned = -sv - 2.0 * k * nu * (p - up) / g
     shape = len(k), len(depths)  # on the surface itself nothing has decayed
     of_p, of_s = (
-        np.exp(-np.multiply.outer(n, depths)) if depths.any() else np.ones(shape)
-        for n in (nu, eta)
+        np.exp(-np.multiply.outer(n, depths)) if depths.any() else np.ones(shape) for n in (nu, eta)
     )
     along = (1j * k * up)[:, None] * of_p - (1j * eta * turned)[:, None] * of_s
     down = (k * turned)[:, None] * of_s - (nu * up)[:, None] * of_p

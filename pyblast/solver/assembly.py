@@ -210,7 +210,7 @@ def _counted(product_of, progress, most):
 
 
 def zone_product(model: Model, mass: np.ndarray) -> Product:
-    """Return the function `zone_products` of all zones, for the masses (n_nodes,) of nodes in kg."""
+    """Return the function of all zones of `zone_products`, for masses (n_nodes,) of nodes, kg."""
     return zone_products(model)(mass)
 
 
