@@ -281,9 +281,7 @@ def _raster_of_triangles(surface, x, y):
     raster = np.full((len(x), len(y)), np.nan)
     i, j = (np.searchsorted(line, surface[..., k].min(axis=1)) for k, line in enumerate((x, y)))
     ends = (np.searchsorted(line, surface[..., k].max(axis=1)) for k, line in enumerate((x, y)))
-    wide, deep = (
-        np.minimum(end + 1, n) - at for at, end, n in zip((i, j), ends, raster.shape, strict=True)
-    )
+    wide, deep = (np.minimum(end + 1, RASTER) - at for at, end in zip((i, j), ends, strict=True))
     a, to_b, to_c = surface[:, 0], surface[:, 1] - surface[:, 0], surface[:, 2] - surface[:, 0]
     area = _cross(to_b, to_c)
     cells = np.where(np.abs(area) < EXACT**2, 0, wide * deep)  # of each triangle
