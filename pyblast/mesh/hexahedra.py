@@ -249,7 +249,7 @@ def reference_coordinates(nodes, order, points):
         slope = np.einsum("nar,nac->ncr", shape_slopes(order, x), nodes)
         step = np.linalg.solve(slope, (points - value)[..., None])[..., 0]
         before, x = x, np.clip(x + step, -1.5, 1.5)
-        if np.abs(x - before).max() < 1e-13:  # also where a place lies outside
+        if np.abs(step).max() < 1e-13 or np.array_equal(x, before):
             break
     return x, np.maximum(np.abs(x).max(axis=1) - 1.0, 0.0)
 
