@@ -371,7 +371,7 @@ def _interval(whole: ErrorModel, at: Level, residual) -> Varied:
     """Return median and 90 % interval of the level, all others at their most probable values."""
     fine = at.holes * np.geomspace(0.5, 2.0, FINE) if at.holes else np.array(SMALL)
     levels = Levels(*((value,) for value in at))._replace(holes=tuple(fine.tolist()))
-    by_level = replace(whole, levels=levels).scores(residual[None]).by_level
+    by_level = replace(whole, levels=levels).scores(residual[None], every=True).by_level
     evidence = np.array([float(each.evidence[0]) for each in by_level])
     value = np.linspace(fine[0], fine[-1], 2001)
     smooth = interpolate.PchipInterpolator(fine, evidence)(value)
