@@ -14,7 +14,14 @@ from ..inference.variation import Varied
 from .calibration import Baseline, like_taught
 from .case import Case, case_of
 from .cross_validation import CrossValidation
-from .decision import FINER_MESH, RESOLUTION, RESOLUTION_DECIDED_BY, Decision, intervals
+from .decision import (
+    FINER_MESH,
+    RESOLUTION,
+    RESOLUTION_DECIDED_BY,
+    Decision,
+    covariance_of_rows,
+    intervals,
+)
 from .effects import PredictionScene, Scene, with_motion_effects
 from .fitting import Fit
 from .forward import quarter_wave, simulation_of
@@ -105,6 +112,7 @@ def summarise_diagnosis(
                 for e in fit.effects
             ],
             "baseline_values": baseline.values.tolist(),
+            "rows_covariance": covariance_of_rows(fit).tolist(),
         },
         "not_computed": not_computed(scene.failures),
     }  # fmt: skip

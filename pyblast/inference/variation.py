@@ -404,6 +404,9 @@ def charges_of(motion: np.ndarray, fired: Firings, places: np.ndarray, dt: float
     return Charges(own, fired.times, places)
 
 
+DrawnFactor = Callable[[np.random.Generator, np.ndarray], np.ndarray]
+
+
 class Scatter(NamedTuple):
     """Scatter of a further blast around its plan.
 
@@ -425,12 +428,33 @@ class Scatter(NamedTuple):
     transfer: float = 0.0
 
 
+def peaks_with_and_without(
+    charges: Charges, band: Band | Span, scatter: Scatter, learned: DrawnFactor | None = None
+) -> np.ndarray:
+    """Draw the peaks of a further blast whose holes vary, and as if they were alike.
+
+    Parameters
+    ----------
+    charges, band, scatter, learned
+        As of `peaks_of_drawn_blasts`.
+
+    Returns
+    -------
+    (2, n_draws, n_receivers, 3) float64, m/s
+    """
+    both = scatter, scatter._replace(holes=0.0)
+    return np.array([
+        peaks_of_drawn_blasts(charges, band, each, learned=learned) for each in both
+    ])  # fmt: skip
+
+
 def peaks_of_drawn_blasts(
     charges: Charges,
     band: Band | Span,
     scatter: Scatter,
     n_draws: int = DRAWS,
     seed: int = 1,
+    learned: DrawnFactor | None = None,
 ) -> np.ndarray:
     """Draw the peaks of a further blast, whose holes vary around what was planned.
 
@@ -441,6 +465,9 @@ def peaks_of_drawn_blasts(
         In which filters vary; beyond, they are those of its ends.
     scatter : Scatter
     n_draws, seed : int, optional
+    learned : callable, optional
+        ``(rng, omega) -> (n_charges, n_receivers or 1, n_omega)``: draws the factor by which the
+        spectra of charges differ from the motion given, omega in rad/s.
 
     Returns
     -------
@@ -458,14 +485,15 @@ def peaks_of_drawn_blasts(
     waves = np.cos(np.pi * np.multiply.outer(np.arange(N_TRANSFER), octave(n, size, band)))
     waves[1:] *= np.sqrt(2.0)
     waves = np.concatenate([waves, 1j * waves]) / np.sqrt(2.0 * N_TRANSFER)
-    sent_by_each = fft.rfft(motion, size)
+    sent_by_each, omega = fft.rfft(motion, size), -turns.imag
     peaks = np.empty((n_draws, n_receivers, 3))
     for peak in peaks:
         own = rng.standard_normal((n_charges, 1, 5))
         paths = np.tensordot(root, rng.standard_normal((n_charges, n_receivers, 5)), 1)
         late = charges.times + scatter.firing * rng.standard_normal(n_charges)
         log = scatter.holes * ((own + paths) @ kernels) + (turns * late[:, None])[:, None]
-        total = np.einsum("hrcf,hrf->rcf", sent_by_each, np.exp(log))
+        factor = np.exp(log) if learned is None else np.exp(log) * learned(rng, omega)
+        total = np.einsum("hrcf,hrf->rcf", sent_by_each, factor)
         error = rng.standard_normal((n_receivers, 3, len(waves))) @ waves
         total *= np.exp(np.sqrt(scatter.transfer) * error + scatter.amplitude * rng.normal())
         peak[:] = np.abs(fft.irfft(total, size)[..., :n]).max(axis=-1)
