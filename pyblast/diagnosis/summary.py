@@ -105,16 +105,21 @@ def summarise_diagnosis(
         "fails": list(decision.fails),
         "next_measurement": _next_measurement(search, decision, remainder),
         "calibration": _calibration(baseline, fit),
-        "model": {
-            "values": fit.values.tolist(), "error_share": fit.posterior.level,
-            "effects": [
-                {"name": e.name, "target": e.target, "values": [list(v) for v in e.values]}
-                for e in fit.effects
-            ],
-            "baseline_values": baseline.values.tolist(),
-            "rows_covariance": covariance_of_rows(fit).tolist(),
-        },
+        "model": _model(baseline, fit),
         "not_computed": not_computed(scene.failures),
+    }  # fmt: skip
+
+
+def _model(baseline, fit):
+    """Return the site of an answer, by which a further blast is predicted."""
+    return {
+        "values": fit.values.tolist(), "error_share": fit.posterior.level,
+        "effects": [
+            {"name": e.name, "target": e.target, "values": [list(v) for v in e.values]}
+            for e in fit.effects
+        ],
+        "baseline_values": baseline.values.tolist(),
+        "rows_covariance": covariance_of_rows(fit).tolist(),
     }  # fmt: skip
 
 

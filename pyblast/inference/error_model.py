@@ -441,6 +441,16 @@ class ErrorModel:
         own = self.blocks.draws(rng, n, at.scatter, at.coda, at.holes)
         return self.offset + moved + own.reshape(moved.shape)
 
+    def log_evidences(self, residual: np.ndarray) -> list[tuple[Level, float]]:
+        """Return the log evidence of a residual (n_blasts, n_receivers, 3, n_functions) by level.
+
+        Up to a constant of the records.
+        """
+        return [
+            (each.at, -0.5 * (float(each.products[0, 0]) + each.log_determinant))
+            for each in self._eliminated((residual - self.offset)[None])
+        ]
+
     def most_probable(self, residual: np.ndarray) -> tuple[Level, np.ndarray, np.ndarray]:
         """Return the most probable level, the factors of all columns, and what remains.
 

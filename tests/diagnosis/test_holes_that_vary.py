@@ -89,6 +89,20 @@ def test_strengths_are_found_without_bias_and_lie_in_their_intervals(name, draws
     assert np.sum(held) >= binom.ppf(0.02, draws, 0.9)
 
 
+@pytest.mark.long
+@pytest.mark.parametrize("level", [0.1, 0.2, 0.3])
+def test_a_common_scale_of_holes_that_vary_is_read_without_bias(level):
+    name, off, held = "misfire_or_charge_error/blast", [], []
+    (own,) = LIBRARY[name].parameters
+    for seed in range(DRAWS):
+        found = fitted(name, survey(seed, level))
+        off.append(own.sigma * found.state.x[0])
+        held.append(abs(found.state.x[0]) < NORMAL_95 * found.posterior.deviation[0])
+
+    assert abs(np.mean(off)) < 2.0 * np.std(off) / np.sqrt(DRAWS)
+    assert np.sum(held) >= binom.ppf(0.02, DRAWS, 0.9)
+
+
 def test_a_hole_that_sends_nothing_is_read_as_little_from_where_its_filter_had_taken_a_part():
     for seed in range(FEW):
         scene, _ = drawn(MISFIRE, seed)
