@@ -387,8 +387,8 @@ def filters_of(
         of_paths = np.einsum("hg,rgk->hrk", _coherence(each.places), free)
         alike = np.abs(of_charges[:, :1]) < WIDE * at.holes
         known = np.mean(of_charges**2, axis=0) + np.mean(of_paths**2, axis=(0, 1))
-        left = np.maximum(2.0 * at.holes**2 - known, 0.0)
-        filters[b] = Filters(alike * of_charges, alike[..., None] * of_paths, left)
+        beyond = np.maximum(2.0 * at.holes**2 - known, 0.0)
+        filters[b] = Filters(alike * of_charges, alike[..., None] * of_paths, beyond)
     return filters
 
 
