@@ -30,7 +30,6 @@ from ..inference.variation import (
 )
 from ..project.project import Project
 from ..project.uncertain_ground import factors_of
-from ..simulation.estimate import cost_of
 from ..simulation.recipe import HARMONICS
 from ..simulation.simulation import Simulation
 from ..units import plain_number
@@ -433,8 +432,7 @@ class Scene:
         Planes and surfaces that nearly meet leave zones without end of their time step.
         """
         if state.geometry not in self._prices:
-            cost = cost_of(self.simulation.model(state), self.simulation.duration)
-            self._prices[state.geometry] = cost.seconds
+            self._prices[state.geometry] = self.simulation.price(state)
         return self._prices[state.geometry]
 
     @property

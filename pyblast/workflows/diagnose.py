@@ -277,7 +277,7 @@ def diagnose_file(
     finished = _finished(output, provenance, minutes, seed, correct)
     if finished is not None:
         return finished
-    _say_level(project, say)
+    implausible = _say_level(project, say)
     try:
         output.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -293,6 +293,7 @@ def diagnose_file(
         known=known,
     )
     summary = {"case": project.title, **diagnosis.summary, "provenance": provenance}
+    summary["data_quality"] |= {"implausible_peaks": implausible}
     write_summary(output / RESULT, summary)
     write_diagnosis_report(output / REPORT, diagnosis, summary)
     return plain(summary)
@@ -454,12 +455,16 @@ def _channels(case: Case):
     ]
 
 
-def _say_level(project: Project, say: Say) -> None:
-    """Say of which blasts the recorded peaks, or those that are expected, are implausible."""
-    for shot in project.shots:
-        each = project.of(shot.name)
-        for finding in level_findings(each, expected_peaks(each)):
-            say(f"{finding.code}: {each.name}: {finding.title}. {finding.text}")
+def _say_level(project: Project, say: Say) -> list[str]:
+    """Say and return of which blasts recorded peaks, or those expected, are implausible."""
+    blasts = [project.of(shot.name) for shot in project.shots]
+    sentences = [
+        f"{finding.code}: {each.name}: {finding.title}. {finding.text}"
+        for each in blasts for finding in level_findings(each, expected_peaks(each))
+    ]  # fmt: skip
+    for sentence in sentences:
+        say(sentence)
+    return sentences
 
 
 def diagnose_case(
