@@ -301,7 +301,7 @@ class _Rows(NamedTuple):
         """Return what is known of each shape (n_shapes, n) as (number, size, n), by group."""
         ends = np.cumsum([0, *(number * size for number, size in self.groups)])
         return [
-            shapes[start : start + number * size].reshape(number, size, -1)
+            shapes[start : start + number * size].reshape(number, size, shapes.shape[-1])
             for start, (number, size) in zip(ends, self.groups, strict=False)
         ]
 
