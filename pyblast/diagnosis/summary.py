@@ -14,7 +14,14 @@ from ..inference.variation import Varied
 from .calibration import Baseline, like_taught
 from .case import Case, case_of
 from .cross_validation import CrossValidation
-from .decision import FINER_MESH, RESOLUTION, RESOLUTION_DECIDED_BY, Decision, intervals
+from .decision import (
+    FINER_MESH,
+    RESOLUTION,
+    RESOLUTION_DECIDED_BY,
+    Decision,
+    covariance_of_rows,
+    intervals,
+)
 from .effects import PredictionScene, Scene, with_motion_effects
 from .fitting import Fit
 from .forward import quarter_wave, simulation_of
@@ -88,15 +95,21 @@ def summarise_diagnosis(
         "fails": list(decision.fails),
         "next_measurement": _next_measurement(search, decision, remainder),
         "calibration": _calibration(baseline, fit),
-        "model": {
-            "values": fit.values.tolist(), "error_share": fit.posterior.level,
-            "effects": [
-                {"name": e.name, "target": e.target, "values": [list(v) for v in e.values]}
-                for e in fit.effects
-            ],
-            "baseline_values": baseline.values.tolist(),
-        },
+        "model": _model(baseline, fit),
         "not_computed": not_computed(scene.failures),
+    }  # fmt: skip
+
+
+def _model(baseline, fit):
+    """Return the site of an answer, by which a further blast is predicted."""
+    return {
+        "values": fit.values.tolist(), "error_share": fit.posterior.level,
+        "effects": [
+            {"name": e.name, "target": e.target, "values": [list(v) for v in e.values]}
+            for e in fit.effects
+        ],
+        "baseline_values": baseline.values.tolist(),
+        "rows_covariance": covariance_of_rows(fit).tolist(),
     }  # fmt: skip
 
 

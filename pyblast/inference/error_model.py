@@ -301,7 +301,7 @@ class _Rows(NamedTuple):
         """Return what is known of each shape (n_shapes, n) as (number, size, n), by group."""
         ends = np.cumsum([0, *(number * size for number, size in self.groups)])
         return [
-            shapes[start : start + number * size].reshape(number, size, -1)
+            shapes[start : start + number * size].reshape(number, size, shapes.shape[-1])
             for start, (number, size) in zip(ends, self.groups, strict=False)
         ]
 
@@ -491,6 +491,17 @@ class ErrorModel:
         )
         own = self.blocks.draws(rng, n, at.scatter, at.coda, at.holes)
         return self.offset + moved + own.reshape(moved.shape)
+
+    def log_evidences(self, residual: np.ndarray) -> list[tuple[Level, float]]:
+        """Return the log evidence of a residual (n_blasts, n_receivers, 3, n_functions) by level.
+
+        Up to a constant of the records.
+        """
+
+        def judged(part):
+            return part.evidence[0], (part.at, float(part.evidence[0]))
+
+        return self._judged(_Rows((residual - self.offset)[None], []), judged, every=True)
 
     def most_probable(self, residual: np.ndarray) -> tuple[Level, np.ndarray, np.ndarray]:
         """Return the most probable level, the factors of all columns, and what remains.

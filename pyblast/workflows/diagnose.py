@@ -35,7 +35,7 @@ from ..signals.seismogram import Seismogram
 from ..simulation.recipe import BETTER
 from ..simulation.simulation import Simulation
 from . import Interrupted, Progress, Say, numbered_folders, result_folder, silent
-from .prediction import Prediction, at_further, bands_of_peaks, predict, predicted_charges
+from .prediction import Prediction, at_further, bands_of_peaks, predict, predicted_holes
 
 RESULT = "diagnosis.json"
 REPORT = "report.html"
@@ -366,9 +366,10 @@ def predict_file(file, output, summary, holes, path, baseline=False, runs=None):
     varied = summary.get("holes_vary")
     level = case.project.config.priors.holes_percent if varied is None else varied["value"]
     source = "priors.holes_percent" if varied is None else "as the records show"
-    charges = predicted_charges(case, blast, values, effects, runs or Path(output) / RUNS)
+    spread = () if baseline else model.get("rows_covariance", ())
+    own = predicted_holes(case, blast, values, effects, spread, runs or Path(output) / RUNS)
     share = model.get("error_share", 0.0)
-    bands = {} if charges is None else bands_of_peaks(case, motion, charges, 1e-2 * level, share)
+    bands = {} if own is None else bands_of_peaks(case, motion, own, 1e-2 * level, share)
     return Prediction(case.project.shot.low_pass, level, source, bands)
 
 
