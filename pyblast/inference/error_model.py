@@ -352,8 +352,8 @@ class ErrorModel:
     -----
     ``C = N + f S + q K + p T T^T + k^2 J J^T``: theory.md (12.5), (14.10). Everything is linear:
     what is asked for is a row, and one elimination of the columns at each level answers for all.
-    Levels that explain the records `DROPPED` less than others are not looked at: from the middle
-    of the grid of scatter, coda and holes, the neighbours of those that do not are.
+    Levels that explain the records `DROPPED` less than others are not looked at: from a usual one
+    on the grid of scatter, coda and holes, the neighbours of those that do not are.
     """
 
     blocks: RecordBlocks
@@ -630,7 +630,7 @@ class ErrorModel:
         rows = rows._replace(values=own.reshape(len(own), *self.blocks.noise.shape[:3]))
         axes = self.levels.scatter, self.levels.coda, self.levels.holes
         shape, values, results = tuple(map(len, axes)), {}, {}
-        waiting = list(np.ndindex(shape)) if every else [tuple((n - 1) // 2 for n in shape)]
+        waiting = list(np.ndindex(shape)) if every else [_usual_index(*shape)]
         while waiting:
             index = waiting.pop()
             shares = tuple(axis[n] for axis, n in zip(axes, index, strict=True))
@@ -654,8 +654,17 @@ def _neighbours_of_weight(values, shape):
         if short[index] < DROPPED:
             pairs = zip(index, shape, strict=True)
             beside = product(*(range(max(at - 1, 0), min(at + 2, n)) for at, n in pairs))
-            near += [each for each in beside if each not in values]
+            near += [each for each in beside if each not in values][::-1]
     return near
+
+
+def _usual_index(n_scatter, n_coda, n_holes):
+    """Return where to begin on a grid: low scatter, and the level of holes that `Learned` ends by.
+
+    >>> _usual_index(5, 1, 3)
+    (1, 0, 1)
+    """
+    return min(1, n_scatter - 1), (n_coda - 1) // 2, max(n_holes - 2, 0)
 
 
 def _flat(rows):
