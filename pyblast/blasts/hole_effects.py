@@ -14,7 +14,7 @@ REACH = 7.0  # m from a hole, to which it damages the rock
 BROKEN = 4e-3, 8e-3  # s before a hole fires: rock is damaged, ground on the way is broken
 ALONG = 80.0, 0.5  # m of a path that may lie in broken ground, and the step along it
 LATE = 0.2  # s
-ALIKE = 0.7  # correlation of covariates, above which their effects are hardly told apart
+ALIKE = 0.7  # correlation of covariates, above which their effects are hardly separable
 HARDLY = "hardly varies"  # said of a covariate that can't explain anything here
 KERNELS = "scale", "delay", "loss", "duration"
 
@@ -395,7 +395,7 @@ def what_would_tell(patterns: Sequence[Pattern]) -> list[str]:
             alike = float(np.corrcoef(own, beside)[0, 1])
             if row.kernel == other.kernel and abs(alike) >= ALIKE:
                 lines.append(
-                    f"{row.name} and {other.name} are hardly told apart (correlation "
+                    f"{row.name} and {other.name} are hardly separable (correlation "
                     f"{alike:.2f}): {row.decided_by}; or {other.decided_by}"
                 )
     return lines
