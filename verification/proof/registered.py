@@ -25,6 +25,7 @@ KINDS = {
     "third of them nulls whose receivers, holes or ground differ by more than usual",
     "drawn": "sites drawn by a seed, simulated by pyblast by other laws; real noise",
     "mine": "the mine of Gol-e-Gohar on a smaller model, simulated by pyblast on a finer mesh",
+    "real": "real hits on a line of geophones, of which records are changed; simulated two layers",
     "drop": "drops of a ball on a bar of rock, simulated with drawn sensors and noise",
 }
 WORDS = """# Registration of the proof
