@@ -492,7 +492,7 @@ def _towards(target):
 
 
 def _raised(project, plan, rise):
-    """Return a project whose surface is higher by ``rise(places)``, sampled at a plan (n, 2) too."""
+    """Return a project whose surface is higher by ``rise(places)``; a plan (n, 2) is sampled."""
     survey = project.ground.surface
     places = np.column_stack([plan, np.full(len(plan), _top(project))])
     if survey is not None:
