@@ -1,12 +1,10 @@
 """Loader: turns a set of recordings into project files and records for `pyblast diagnose`."""
 
-import csv
 import json
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from scipy import signal
 
 from pyblast import read_gather
 from pyblast.recordings.seismic import mseed_bytes
@@ -103,52 +101,6 @@ def recorded(shot):
     return [name for name, samples in names if np.isfinite(samples).all()]
 
 
-SCALE = 1e3  # of the block: a millimetre is a metre, a microsecond a millisecond; speeds stay
-
-
-def ball_drops(folder):
-    """Return the drops on the block, sensors as motion along +y (north), time 0 the impact.
-
-    The frame has z up; a sensor on the face y = -0.05 m moves outward along -y.
-    """
-    base = Path(folder, "ball_drop")
-    sensors = {row["sensor"]: row for row in _rows(base / "sensors.csv")}
-    shots = []
-    for row in _rows(base / "drops.csv"):
-        names = [name.split("_")[0] for name in _heads(base / row["file"])[1:]]
-        values = np.loadtxt(base / row["file"], delimiter=",", skiprows=1)
-        signs = np.array([float(sensors[name]["normal_y"]) for name in names])
-        places = {
-            name: tuple(SCALE * float(sensors[name][key]) for key in ("x_m", "y_m", "z_m"))
-            for name in names
-        }
-        shots.append(ShotRecords(
-            f"drop_{row['drop']}", (SCALE * float(row["x_m"]), SCALE * float(row["y_m"]), 0.0),
-            values[:, 1:].T * signs[:, None], round(SCALE * float(values[1, 0] - values[0, 0]), 9),
-            SCALE * (float(values[0, 0]) - float(row["impact_time_s"])),
-            {name: (x, y, -z) for name, (x, y, z) in places.items()}, code="N",
-        ))  # fmt: skip
-    return shots
-
-
-def _rows(path):
-    """Return the rows of a table by its heads."""
-    with path.open(newline="", encoding="utf-8") as file:
-        return list(csv.DictReader(file))
-
-
-def _heads(path):
-    """Return the heads of a table."""
-    with path.open(encoding="utf-8") as file:
-        return file.readline().strip().split(",")
-
-
-def hertz_force(folder):
-    """Return times s and force N of the impact of the ball."""
-    values = np.loadtxt(Path(folder, "ball_drop", "source_force.csv"), delimiter=",", skiprows=1)
-    return SCALE * values[:, 0], SCALE**2 * values[:, 1]
-
-
 WGHS_GROUND = """
 [mesh]
 size_m = [98.0, 10.0, 12.0]
@@ -191,46 +143,9 @@ roller = ["south"]
 duration_s = 0.4
 """
 
-BLOCK_GROUND = """
-[mesh]
-size_m = [4100.0, 100.0, 220.0]
-origin_m = [0.0, -50.0, -220.0]
-frequency_hz = 110.0
-accuracy = 0.03
-
-[[mesh.layers]]
-material = "rock"
-thickness_m = 200.0
-
-[[mesh.layers]]
-material = "steel"
-
-[materials.rock]
-density_kg_per_m3 = 2980.0
-cp_m_per_s = 6200.0
-cs_m_per_s = 3600.0
-
-[materials.steel]
-density_kg_per_m3 = 7850.0
-cp_m_per_s = 5900.0
-cs_m_per_s = 3230.0
-
-[boundaries]
-free = ["top", "west", "east", "south", "north", "bottom"]
-
-[run]
-duration_s = 0.11
-"""
-
 
 def ricker(peak=18.0, dt=1e-3):
     """Return times s and force N of a zero-phase pulse, late by 80 ms: a hammer is unknown."""
     times = dt * np.arange(200)
     x = (np.pi * peak * (times - 0.08)) ** 2
     return times, 1e3 * (1.0 - 2.0 * x) * np.exp(-x)
-
-
-def decimated(shot, factor):
-    """Return a shot at a lower sampling rate, low-passed without shift of phase."""
-    data = signal.decimate(shot.data - shot.data[:, :1], factor, ftype="fir", zero_phase=True)
-    return replace(shot, data=data, dt=shot.dt * factor)

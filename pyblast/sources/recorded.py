@@ -16,10 +16,19 @@ from ..recordings.recording import (
 )
 from ..signals.seismogram import GEOGRAPHIC, Seismogram
 
+OF_ONE_RECORD = (
+    "start_s", "low_passed_hz", "serial_number", "calibration_date", "location", "operator",
+)  # fmt: skip
 
-def read_record(config, folder, log=None) -> Recording:
-    """Read the record that a `RecordingConfig` names."""
-    records = read_recording(
+
+def shared(config):
+    """Return a `RecordingConfig` without what is said of one record of its file alone."""
+    return config.model_copy(update=dict.fromkeys(OF_ONE_RECORD) | {"record": 1})
+
+
+def read_records(config, folder, log=None) -> list[Recording]:
+    """Read all records of the file that a `RecordingConfig` names."""
+    return read_recording(
         folder / config.file,
         config.format,
         bearing=None if config.bearing_deg is None else math.radians(config.bearing_deg),
@@ -31,6 +40,10 @@ def read_record(config, folder, log=None) -> Recording:
         sheet=config.sheet,
         log=log,
     )
+
+
+def record_of(config, folder, records) -> Recording:
+    """Return the record of its file that a `RecordingConfig` names, as it says."""
     if config.record > len(records):
         raise InputError(f"record: {config.file} has {len(records)} records, got {config.record}")
     record = records[config.record - 1]
@@ -53,7 +66,7 @@ def read_hole(config, folder, log=None) -> Seismogram:
     InputError
         If it is clipped and the configuration does not accept that.
     """
-    record = read_record(config, folder, log)
+    record = record_of(config, folder, read_records(config, folder, log))
     seismogram, clipped = record.seismogram, record.clipped.sum(axis=0)
     if clipped.any() and not config.accept_clipped:
         names = ", ".join(

@@ -33,7 +33,7 @@ from .face import (
     wave_fronts,
 )
 from .inside import Inside, make_inside, needed_frequency, radiated, unit_rate, within_band
-from .recorded import read_hole, read_record
+from .recorded import read_hole, read_records, record_of, shared
 
 ALONE = Firing(np.zeros(1), np.ones(1))  # one hole, with the charge of the signature
 
@@ -253,14 +253,15 @@ class Shot:
             return needed_frequency(superpose(radiated(rate), self.firing), accuracy)
         return max((needed_frequency(m, accuracy, along) for m in self.motions), default=None)
 
-    @property
+    @cached_property
     def recordings(self) -> dict[str, Recording]:
         """Records of the file by receiver, as their instruments wrote them."""
         records = {}
         for part in self.config.receivers:
             if part.recorded is not None:
                 with named_error(f"{self.path.name}: receivers.{part.name}.recorded"):
-                    records[part.name] = self._once(read_record, part.recorded, self.folder)
+                    whole = self._once(read_records, shared(part.recorded), self.folder)
+                    records[part.name] = record_of(part.recorded, self.folder, whole)
         return records
 
     @cached_property

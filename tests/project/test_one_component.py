@@ -11,6 +11,7 @@ from pyblast.model.model import Receiver
 from pyblast.project.project import load_project
 from pyblast.recordings.seismic import mseed_bytes
 from pyblast.signals.seismogram import Seismogram
+from pyblast.sources import recorded
 
 COUNTS = np.round(1e3 * np.sin(np.arange(400) / 7.0))
 RECEIVER = 'name = "house"'
@@ -75,3 +76,30 @@ def test_a_receiver_measures_what_lies_along_its_normal():
 def test_a_receiver_has_one_way_of_measuring():
     with pytest.raises(InputError, match="without azimuth"):
         Receiver("A", (0.0, 0.0, 0.0), azimuth=0.5, normal=(0.0, 1.0, 0.0))
+
+
+def test_a_file_of_many_receivers_is_read_once(tmp_path, monkeypatch):
+    read, whole = [], recorded.read_recording
+    tables = [
+        RECORDED.replace("house", f"r{k}").format(
+            [0, 0, 1], f"record = {k + 1}, sensitivity = 2.0, start_s = {k / 10}"
+        )
+        for k in range(4)
+    ]
+    names = [[f"PB.R{k}..HHZ"] for k in range(4)]
+    text = "\nposition_m = [50, 9]\n[[receivers]]\n".join(tables)
+    samples = np.arange(1.0, 5.0)[:, None, None] * COUNTS
+    (tmp_path / "counts.mseed").write_bytes(mseed_bytes(samples, names, 1e-3, "2000-01-01"))
+    path = written(tmp_path, (RECEIVER, text), text=INSIDE)
+
+    def counted(*given, **keys):
+        read.append(given)
+        return whole(*given, **keys)
+
+    monkeypatch.setattr(recorded, "read_recording", counted)
+
+    records = list(load_project(path).recorded.values())
+
+    assert len(read) == 1
+    assert [record.start for record in records] == [0.0, 0.1, 0.2, 0.3]
+    assert np.nanmax(records[3].velocity) == pytest.approx(4.0 * np.nanmax(records[0].velocity))

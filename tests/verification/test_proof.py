@@ -11,7 +11,7 @@ from small_site import recorded, small_site
 
 from pyblast.diagnosis.thresholds import threshold_rows
 from pyblast.errors import InputError
-from verification.proof import answers, page, registered
+from verification.proof import answers, cases, page, registered
 from verification.proof.answers import answer, answer_all, first_answers, next_key, versions
 from verification.proof.cases import digest_of
 from verification.proof.drawn import row_of, second_best
@@ -323,3 +323,53 @@ def test_a_further_receiver_beside_a_known_one_is_predicted_the_same():
     assert told["receivers"][1] == "R1"
     assert np.abs(known).max() > 1e-4
     assert np.abs(there - known).max() < 0.02 * np.abs(known).max()
+
+
+def hits():
+    """Return three hits at each of six places, with samples that tell receivers apart."""
+    names = {f"G{n + 1:02d}": (2.0 * n, 0.0) for n in range(24)}
+    samples = np.arange(1.0, 25.0)[:, None] * np.sin(np.arange(200) / 9.0)
+    line = cases.example("real", "real_projects")
+    return [
+        line.ShotRecords(f"hit_{place}_{k + 1}", (place, 0.0), samples, 1e-3, -0.02, names)
+        for place in range(6)
+        for k in range(5)
+    ]
+
+
+def test_hits_of_a_trial_are_of_each_place_and_none_serves_twice():
+    line = cases.example("real", "hammer_line")
+
+    for trial in line.drawn():
+        groups = [[hit.name for hit in group] for group in line.shots_of(trial["draw"], hits())]
+
+        assert [len(group) for group in groups] == [6, 6, 6]
+        assert len({name for group in groups for name in group}) == 18
+
+
+def test_what_is_concealed_in_hits_is_at_the_receivers_said_and_nowhere_else():
+    line = cases.example("real", "hammer_line")
+    kinds = [trial["concealed"] for trial in line.drawn()]
+    shots = hits()[:2]
+
+    for trial in line.drawn():
+        changed, targets = line.conceal(shots, trial)
+        differ = {
+            name
+            for before, after in zip(shots, changed, strict=True)
+            for name, own, other in zip(before.receivers, before.data, after.data, strict=True)
+            if not np.array_equal(own, other, equal_nan=True) and np.isfinite(other).all()
+        }
+
+        assert differ == set(targets) or (trial["concealed"] == "loss" and len(differ) == 24)
+        assert bool(differ) == bool(trial["label"])
+    assert kinds.count(None) == 24
+    assert len(kinds) == 64
+
+
+def test_a_right_label_at_a_wrong_receiver_is_a_wrong_name():
+    answer = said(label="clock_error", target="G05")
+
+    assert cases.named_at(answer, ["G05"]) == ["clock_error"]
+    assert cases.named_at(answer, ["G06"]) == ["clock_error at G05"]
+    assert cases.named_at(answer | {"outcome": "UNKNOWN"}, ["G05"]) == []

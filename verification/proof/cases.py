@@ -1,18 +1,22 @@
 """Cases of the proof by name: what is true of each, sealed by a digest, and how it is answered.
 
-Five kinds: sites of an independent program with real geometry (``site``) and with flat layers
+Six kinds: sites of an independent program with real geometry (``site``) and with flat layers
 (``flat``), drawn sites with real noise (``drawn``; ``trial`` by a seed for development), the mine
-of the paper (``mine``), simulated drops of a ball on a bar of rock (``drop``).
+of the paper (``mine``), real hits on a line of geophones (``real``), simulated drops of a ball on
+a bar of rock (``drop``).
 """
 
 import fcntl
 import hashlib
+import importlib
 import json
 import os
 import sys
+import time
 import tomllib
 from collections.abc import Iterator
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -23,13 +27,17 @@ from examples.gol_e_gohar import diagnose as mine
 from pyblast.errors import InputError
 
 from .drawn import answered as answered_drawn
+from .drawn import named_parts
 
 ROOT = Path(__file__).resolve().parents[2]
 SHARED = ROOT.parent / "shared"
 TRIAL_CASES = 40
 DIGITS = 9  # of a number in a truth: further ones differ from machine to machine
 # Kinds and whether their truths were known to the authors when they were registered.
-KNOWN = {"site": True, "flat": True, "drawn": False, "mine": True, "drop": True, "trial": True}
+KNOWN = {
+    "site": True, "flat": True, "drawn": False, "mine": True, "real": False, "drop": True,
+    "trial": True,
+}  # fmt: skip
 
 
 def folder_of(kind: str) -> Path:
@@ -59,7 +67,9 @@ def truths() -> Iterator[tuple[str, Any]]:
     for number, (trial, (effect, physics, _, _, change)) in enumerate(mine.TRIALS.items()):
         rules = mine.SPEEDS, mine.STIFFNESSES, mine.NOISE, mine.SCATTER, mine.TURN
         yield f"mine-{number}", [trial, effect, physics, change, rules]
-    for row in _drops().drawn():
+    for trial in example("real", "hammer_line").drawn():
+        yield f"real-{trial['trial']:02d}", trial
+    for row in example("ball_drops", "trials").drawn():
         yield f"drop-{row['trial']:02d}", row
 
 
@@ -78,7 +88,7 @@ def truth_of(name: str) -> Any:
         file = folder_of(kind) / "truth" / f"case-{number}" / "truth.toml"
         if file.is_file():
             return file.read_bytes()
-    found = dict(truths()) if kind in ("mine", "drop") else {}
+    found = dict(truths()) if kind in ("mine", "real", "drop") else {}
     if name not in found:
         raise InputError(f"proof: {name} is not here; see verification/proof/registered.json")
     return found[name]
@@ -98,7 +108,9 @@ def answered(name: str, store: Path) -> dict:
         return answered_drawn(_draw(name), store)
     if kind in ("site", "flat"):
         return _answered_folder(kind, f"case-{number}", store)
-    return _answered_mine(int(number)) if kind == "mine" else _answered_drop(int(number), store)
+    if kind == "mine":
+        return _answered_mine(int(number))
+    return (_answered_real if kind == "real" else _answered_drop)(int(number), store)
 
 
 def as_crash(name: str, error: Exception) -> dict:
@@ -109,9 +121,18 @@ def as_crash(name: str, error: Exception) -> dict:
     elif kind in ("drawn", "trial"):
         row = {"block": truth["block"], "truth": [part["label"] for part in truth["effects"]]}
     else:
-        label = truth[1] if kind == "mine" else truth["kind"] != "null" and truth["truth"]
+        label = _label(kind, truth)
         row = {"block": "single" if label else "null", "truth": [label] if label else []}
     return row | {"outcome": "CRASH", "named": [], "class": [], "error": repr(error)}
+
+
+def _label(kind, truth):
+    """Return what is true of the mine, of real hits or of drops; None of a null."""
+    if kind == "mine":
+        return truth[1]
+    if kind == "real":
+        return truth["label"]
+    return None if truth["kind"] == "null" else truth["truth"]
 
 
 def _draw(name) -> Draw:
@@ -188,19 +209,56 @@ def _answered_mine(number):
     }  # fmt: skip
 
 
-def _drops():
-    """Return the module of the drops, whose own modules import each other by their bare names."""
-    folder = str(ROOT / "examples" / "ball_drops")
-    if folder not in sys.path:
-        sys.path.insert(0, folder)
-    import trials
+def example(folder: str, name: str) -> ModuleType:
+    """Return a module of an example, whose own modules import each other by their bare names."""
+    path = str(ROOT / "examples" / folder)
+    if path not in sys.path:
+        sys.path.insert(0, path)
+    return importlib.import_module(name)
 
-    return trials
+
+def _answered_real(number, store):
+    """Answer a trial of the hammer line."""
+    line = example("real", "hammer_line")
+    trial = line.drawn()[number]
+    began = time.process_time()
+    answer, targets = line.answered(trial, store)
+    spent = time.process_time() - began
+    held = answer["held_out_blasts"]
+    shares = held["receivers"][targets[0]] if targets else [
+        held["explained_before"], held["explained_after"]
+    ]  # fmt: skip
+    return {
+        "block": "single" if trial["label"] else "null",
+        "truth": [trial["label"]] if trial["label"] else [],
+        "outcome": answer["outcome"], "named": named_at(answer, targets),
+        "class": answer["class"], "metres": None, "covered": [], "energy": None, "length": None,
+        "held_out": dict(zip(("before", "after"), np.round(shares, 5).tolist(), strict=True)),
+        "processor_s": round(spent + answer["kept_s"], 1),
+    }  # fmt: skip
+
+
+def named_at(answer: dict, targets: list[str]) -> list[str]:
+    """Return the labels that an answer names; one at another receiver than it is says so.
+
+    Parameters
+    ----------
+    answer : dict
+        As in ``diagnosis.json``.
+    targets : list of str
+        Receivers in which the effect is; empty where any place is right.
+    """
+    named = []
+    for part in named_parts(answer):
+        there = part["target"] if isinstance(part["target"], str) else " ".join(part["target"])
+        right = all(target in there for target in targets)
+        named.append(part["label"] + ("" if right else f" at {there}"))
+    return named
 
 
 def _answered_drop(number, store):
     """Answer a trial of the drops; their stored runs are shared, so one at a time."""
-    trials = _drops()
+    trials = example("ball_drops", "trials")
     store.mkdir(parents=True, exist_ok=True)
     with (store / "lock").open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)

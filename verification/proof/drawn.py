@@ -97,11 +97,7 @@ def row_of(truth: dict, answer: dict, explained: dict) -> dict:
         it, ``held_out``: shares by model, means over the records in which the effects are.
     """
     labels = [part["label"] for part in truth["effects"]]
-    said = [
-        part["label"] for key in ("mistakes", "effects") for part in answer.get(key, [])
-        if part["label"] and part.get("named", True)
-    ]  # fmt: skip
-    named = said if answer["outcome"] in NAMES else []
+    named = [part["label"] for part in named_parts(answer)]
     kinds = sorted({kind for part in truth["effects"] for kind in _unseen(part)})
     return {
         "block": truth["block"], "truth": labels, "outcome": answer["outcome"], "named": named,
@@ -112,6 +108,13 @@ def row_of(truth: dict, answer: dict, explained: dict) -> dict:
             for key, share in explained.items()
         },
     }  # fmt: skip
+
+
+def named_parts(answer: dict) -> list[dict]:
+    """Return the mistakes and effects that an answer names."""
+    parts = [*answer.get("mistakes", []), *answer["effects"]]
+    said = [part for part in parts if part["label"] and part.get("named", True)]
+    return said if answer["outcome"] in NAMES else []
 
 
 def _metres(truth, answer):

@@ -22,6 +22,7 @@ KINDS = {
     "flat": "flat sites of an independent program of finite differences",
     "drawn": "sites drawn by a seed, simulated by pyblast by other laws; real noise",
     "mine": "the mine of Gol-e-Gohar on a smaller model, simulated by pyblast on a finer mesh",
+    "real": "real hits on a line of geophones, of which records are changed; simulated two layers",
     "drop": "drops of a ball on a bar of rock, simulated with drawn sensors and noise",
 }
 WORDS = """# Registration of the proof
