@@ -9,13 +9,16 @@ strengths. Nothing is fitted: a draw is named if the label that scores most is a
 of the site and leads by `LEAD`. Of the strongest, the vetoes are asked too: sources anywhere and a
 body at one place explain more (`OPEN_SET`, `body_explains_more`), with and without the label in the
 library. The right label has the evidence of the true change, as a good fit has; another one
-`FITTED` times its score. ``verification/power.json`` has a row for each site; a study that was
-stopped goes on.
+`FITTED` times its score. Effects by runs are asked in the order of what they decide for their
+price, for `RUNS_S` of processor; a row lists what was asked, and a right label that was not scores
+as its true change. ``verification/power.json`` has a row for each site; a study that was stopped
+goes on.
 """
 
 import os
 import sys
 import tempfile
+import time
 import tomllib
 from collections import Counter
 from dataclasses import replace
@@ -46,6 +49,7 @@ SITES = Path(os.environ.get("PYBLAST_SITES", ROOT.parent / "shared" / "sites"))
 NAMES = ("02", "07", "14", "16", "20", "21", "04", "17", "06", "08", "03", "01", "13", "15")
 STRENGTHS = (1 / 32, 1 / 16, 1 / 8, 1 / 4, 1 / 2, 1.0)
 DRAWS, POWER = 100, 0.8
+RUNS_S = 60.0  # of processor, after which no further effect is run
 VETOED, ASKED = 3, 30  # strongest, and draws of each, of which the vetoes are asked
 FITTED = 1.5  # evidence of a fit over its score: sites 02 and 07, 1.2 to 1.5
 RESOLVED = 8.0  # d' at which the bound is taken
@@ -58,7 +62,8 @@ def row(site, folder):
     """Return the row of one site."""
     case = case_of(read_case(SITES / f"case-{site}" / "B2.toml"))
     scene, _ = prepared(case, folder)
-    members = members_of(scene)
+    ends = time.process_time() + RUNS_S
+    members = members_of(scene, runs_left=lambda: time.process_time() < ends)
     scene.error = with_calibrated(scene.error, of_speeds(scene, members))
     scores = SiteScores(scene, tuple(members), 1)
     truth = tomllib.loads((SITES / "truth" / f"case-{site}" / "truth.toml").read_text())
@@ -70,6 +75,7 @@ def row(site, folder):
     alarms = _by_class(scores, drawn)[1].max(axis=0)
     result = {
         "effect": label, "members": len(scores.members), "runs": scene.simulation.runs,
+        "asked": sorted({each.label for each in scores.members}),
         "thresholds": {k: round(v, 1) for k, v in scores.thresholds.items()},
         "null_draws": {"alarms": float(np.mean(alarms > scores.threshold)),
                        "largest": round(float(alarms.max()), 1)},
@@ -78,6 +84,9 @@ def row(site, folder):
         return result
     with_effect = np.concatenate([drawn + strength * effect for strength in STRENGTHS])
     labels, values = _by_class(scores, with_effect)
+    of_truth = scores.of([Change(effect[None])], at, with_effect).log_bayes
+    if label not in labels:
+        labels, values = [*labels, label], np.vstack([values, of_truth])
     named = np.array(_named(scores, labels, values)).reshape(len(STRENGTHS), DRAWS)
     others = _named(scores, *_without(labels, values, label))
     others = np.array(others).reshape(len(STRENGTHS), DRAWS)
@@ -91,13 +100,12 @@ def row(site, folder):
         for k, strength in enumerate(STRENGTHS)
     }
     strongest = [DRAWS * k + n for k in range(len(rows))[-VETOED:] for n in range(ASKED)]
-    asked = with_effect[strongest]
-    true = scores.of([Change(effect[None])], at, asked).log_bayes[0]
-    free, body = _of_places(scores, asked)
+    free, body = _of_places(scores, with_effect[strongest])
     for k, own in enumerate(list(rows.values())[-VETOED:]):
         part, first = slice(ASKED * k, ASKED * (k + 1)), len(rows) - VETOED + k
         own |= _after_vetoes(
-            (free[part], body[part]), (labels, values[:, strongest][:, part]), true[part],
+            (free[part], body[part]), (labels, values[:, strongest][:, part]),
+            of_truth[0, strongest][part],
             named[first], others[first], label,
         )  # fmt: skip
     length = float(scores.of([Change(effect[None])], at, 0.0 * effect[None]).length[0][0, 0])
