@@ -279,20 +279,21 @@ class _Surface:
 def _raster_of_triangles(surface, x, y):
     """Return the greatest heights of triangles over a raster, NaN where none lies."""
     raster = np.full((len(x), len(y)), np.nan)
-    for corners in surface:
-        (ax, ay, _), (bx, by, _), (cx, cy, _) = corners
-        area = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
-        i = slice(np.searchsorted(x, min(ax, bx, cx)), np.searchsorted(x, max(ax, bx, cx)) + 1)
-        j = slice(np.searchsorted(y, min(ay, by, cy)), np.searchsorted(y, max(ay, by, cy)) + 1)
-        px, py = x[i, None] - ax, y[None, j] - ay
-        if not px.size or not py.size or abs(area) < EXACT**2:
-            continue
-        u = (px * (cy - ay) - py * (cx - ax)) / area
-        v = ((bx - ax) * py - (by - ay) * px) / area
-        height = corners[0, 2] + u * (corners[1, 2] - corners[0, 2])
-        height = height + v * (corners[2, 2] - corners[0, 2])
+    i, j = (np.searchsorted(line, surface[..., k].min(axis=1)) for k, line in enumerate((x, y)))
+    ends = (np.searchsorted(line, surface[..., k].max(axis=1)) for k, line in enumerate((x, y)))
+    wide, deep = (np.minimum(end + 1, RASTER) - at for at, end in zip((i, j), ends, strict=True))
+    a, to_b, to_c = surface[:, 0], surface[:, 1] - surface[:, 0], surface[:, 2] - surface[:, 0]
+    area = _cross(to_b, to_c)
+    cells = np.where(np.abs(area) < EXACT**2, 0, wide * deep)  # of each triangle
+    for part in np.array_split(np.arange(len(surface)), 1 + int(cells.sum()) // raster.size):
+        of = np.repeat(part, cells[part])
+        number = np.arange(len(of)) - np.repeat(np.cumsum(cells[part]) - cells[part], cells[part])
+        at = i[of] + number // deep[of], j[of] + number % deep[of]
+        away = np.column_stack([x[at[0]], y[at[1]]]) - a[of, :2]
+        u, v = _cross(away, to_c[of]) / area[of], _cross(to_b[of], away) / area[of]
+        height = a[of, 2] + u * to_b[of, 2] + v * to_c[of, 2]
         inside = (u >= -1e-9) & (v >= -1e-9) & (u + v <= 1.0 + 1e-9)
-        raster[i, j] = np.fmax(raster[i, j], np.where(inside, height, np.nan))
+        np.fmax.at(raster, (at[0][inside], at[1][inside]), height[inside])
     return raster
 
 

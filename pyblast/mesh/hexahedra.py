@@ -248,8 +248,8 @@ def reference_coordinates(nodes, order, points):
         value = np.einsum("na,nac->nc", shape_values(order, x), nodes)
         slope = np.einsum("nar,nac->ncr", shape_slopes(order, x), nodes)
         step = np.linalg.solve(slope, (points - value)[..., None])[..., 0]
-        x = np.clip(x + step, -1.5, 1.5)
-        if np.abs(step).max() < 1e-13:
+        before, x = x, np.clip(x + step, -1.5, 1.5)
+        if np.abs(step).max() < 1e-13 or np.array_equal(x, before):
             break
     return x, np.maximum(np.abs(x).max(axis=1) - 1.0, 0.0)
 

@@ -218,7 +218,10 @@ def _reflected(radiation, k, nu, eta, depths, of_p, of_s):
     cross = 4.0 * nu * eta * k**2
     up = -(p * (g**2 + cross) + 4.0 * eta * k * g * sv) / (g**2 - cross)
     turned = -sv - 2.0 * k * nu * (p - up) / g
-    of_p, of_s = (np.exp(-np.multiply.outer(n, depths)) for n in (nu, eta))
+    shape = len(k), len(depths)  # on the surface itself nothing has decayed
+    of_p, of_s = (
+        np.exp(-np.multiply.outer(n, depths)) if depths.any() else np.ones(shape) for n in (nu, eta)
+    )
     along = (1j * k * up)[:, None] * of_p - (1j * eta * turned)[:, None] * of_s
     down = (k * turned)[:, None] * of_s - (nu * up)[:, None] * of_p
     return np.stack([along, down, sh[:, None] * of_s])

@@ -4,6 +4,8 @@ A plot is ``{"alt": words, "columns": n, "panels": [...]}`` of plain numbers and
 the page draws it as SVG with values under the pointer; without the script a table says the same.
 """
 
+import math
+
 import numpy as np
 
 from ..files import plain
@@ -47,12 +49,20 @@ def line(x, y, name=None, colour="#2b2b2b", **style) -> dict:
     """
     x, y = (np.asarray(values, dtype=float) for values in (x, y))
     if len(x) > MOST_POINTS:
-        step = -(-2 * len(x) // MOST_POINTS)
-        part = np.array_split(np.arange(len(x)), -(-len(x) // step))
-        ends = [(at[np.argmin(y[at])], at[np.argmax(y[at])]) for at in part]
-        chosen = np.unique([0, *np.ravel(ends), len(x) - 1])
+        chosen = np.unique([0, *_ends(y, -(-2 * len(x) // MOST_POINTS)), len(x) - 1])
         x, y = x[chosen], y[chosen]
     return _mark("line", name, colour, {"x": x, "y": y}, style)
+
+
+def _ends(y, step):
+    """Return where least and greatest of each interval of at most ``step`` values stand."""
+    count = -(-len(y) // step)
+    size, longer = divmod(len(y), count)  # the first intervals are longer by one
+    at, ends = longer * (size + 1), []
+    for first, part in ((0, y[:at].reshape(longer, size + 1)), (at, y[at:].reshape(-1, size))):
+        start = first + part.shape[1] * np.arange(len(part))
+        ends += [start + part.argmin(axis=1), start + part.argmax(axis=1)]
+    return np.concatenate(ends)
 
 
 def dots(x, y, name=None, colour="#2b2b2b", **style) -> dict:
@@ -95,7 +105,7 @@ def _mark(kind, name, colour, places, style):
 def _rounded(values):
     """Return values with some digits, None where they are not finite."""
     return [
-        float(f"{value:.{DIGITS}g}") if np.isfinite(value) else None
+        float(f"{value:.{DIGITS}g}") if math.isfinite(value) else None
         for value in np.atleast_1d(np.asarray(values, dtype=float)).tolist()
     ]
 

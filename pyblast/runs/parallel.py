@@ -380,6 +380,11 @@ def workers(count: int | None = None) -> Iterator[Processes]:
         None: one per core, with one thread each, which is faster than few processes with many
         threads.
 
+    Raises
+    ------
+    LostProcessError
+        If a process is lost, or the script lacks its guard, whatever is asked of the pool.
+
     Notes
     -----
     Processes are spawned, since forking does not work with OpenMP threads. A script therefore needs
@@ -396,6 +401,8 @@ def workers(count: int | None = None) -> Iterator[Processes]:
             except (KeyboardInterrupt, SystemExit):
                 pool.stop()
                 raise
+            except BrokenProcessPool:
+                raise lost_process(pool) from None
     finally:
         if before is None:
             del os.environ[THREADS]

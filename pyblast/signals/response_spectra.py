@@ -77,22 +77,23 @@ def response_spectra(
         raise InputError("response_spectra.frequency: must be positive")
     if not 0.0 <= damping < 1.0:
         raise InputError(f"response_spectra.damping: must lie from 0 to below 1, got {damping:g}")
-    times = seismogram.times
+    times, present = seismogram.times, np.flatnonzero(seismogram.present)
     peaks = np.full((2, len(hz), 3), np.nan)
+    if not len(present):
+        return ResponseSpectra(hz, damping, *peaks)
     for n, f in enumerate(hz):
         fine = max(1, int(np.ceil(PEAK_SAMPLES * f * seismogram.dt)))
         after = np.ceil(fine * 0.5 / (f * seismogram.dt)).astype(int)  # half a period at rest
         dt = seismogram.dt / fine
         steps = fine * (len(times) - 1)
         grid = times[0] + dt * np.arange(steps + 1)
-        for part in np.flatnonzero(seismogram.present):
-            velocity = np.interp(grid, times, seismogram.velocity[:, part])
-            slope = np.diff(velocity) / dt
-            slope = np.concatenate([slope, np.zeros(after)])
-            moved, speed = oscillator(slope, dt, f, damping)
-            natural = 2.0 * np.pi * f
-            absolute = 2.0 * damping * natural * speed + natural**2 * moved
-            peaks[:, n, part] = np.abs(moved).max(), np.abs(absolute).max()
+        velocity = [np.interp(grid, times, seismogram.velocity[:, part]) for part in present]
+        slope = np.diff(velocity, axis=1) / dt
+        slope = np.concatenate([slope, np.zeros((len(present), after))], axis=1)
+        moved, speed = oscillator(slope, dt, f, damping)
+        natural = 2.0 * np.pi * f
+        absolute = 2.0 * damping * natural * speed + natural**2 * moved
+        peaks[:, n, present] = np.abs(moved).max(axis=1), np.abs(absolute).max(axis=1)
     return ResponseSpectra(hz, damping, *peaks)
 
 
@@ -103,13 +104,13 @@ def oscillator(
 
     Parameters
     ----------
-    acceleration : (n,) float64, m/s2
+    acceleration : (..., n) float64, m/s2
         Of the ground in each step.
     dt, frequency, damping : float, s, Hz, fraction of critical below one
 
     Returns
     -------
-    displacement, velocity : (n + 1,) float64, m and m/s
+    displacement, velocity : (..., n + 1) float64, m and m/s
         Over the ground, from rest; exact at the ends of the steps: theory.md (16.1).
     """
     natural = 2.0 * np.pi * frequency
@@ -117,6 +118,7 @@ def oscillator(
     pole = np.exp(complex(-drag, turn) * dt)
     # z = u' - conj(s) u with the pole s obeys z' = s z - a.
     gain = (pole - 1.0) / complex(-drag, turn)
-    z = np.concatenate([[0.0], scipy.signal.lfilter([1.0], [1.0, -pole], -gain * acceleration)])
+    z = scipy.signal.lfilter([1.0], [1.0, -pole], -gain * np.asarray(acceleration))
+    z = np.concatenate([np.zeros((*z.shape[:-1], 1)), z], axis=-1)
     moved = np.imag(z) / turn
     return moved, np.real(z) - drag * moved

@@ -29,7 +29,7 @@ from ..model.material import Elastic
 from ..model.model import Model
 from ..model.source import TimeFunction
 from .edge_springs import edge_arrays
-from .hexahedra import layer_arrays, no_layer, no_packs, pack_arrays
+from .hexahedra import layer_arrays, no_layer, no_packs, pack_arrays, stiff_alone
 from .implicit_zones import explicit_product, moved_nodes, no_implicit_zones
 from .loads import (
     Loads,
@@ -182,7 +182,7 @@ def _time_step(model, progress):
     mass = model.zone_values("density") * zone_volumes(model.mesh)
     if model.mesh.hexahedral:
         most = MOST_PRODUCTS * (1 if model.mesh.layer is None else 2)
-        product_of = _counted(partial(zone_product, model), progress, most)
+        product_of = _counted(zone_products(model), progress, most)
         limit = critical_step_of_hexahedra(model, mass, product_of)
     else:
         limit = critical_step(model)
@@ -209,12 +209,18 @@ def _counted(product_of, progress, most):
     return lambda *of: partial(reported, product_of(*of))
 
 
-def zone_product(model: Model, mass: np.ndarray, active: np.ndarray | None = None) -> Product:
-    """Return a function that multiplies a motion (n_nodes, 3) by M^-1 K of its zones, in 1/s2.
+def zone_product(model: Model, mass: np.ndarray) -> Product:
+    """Return the function of all zones of `zone_products`, for masses (n_nodes,) of nodes, kg."""
+    return zone_products(model)(mass)
 
-    Of all zones, or of the ``active`` ones (n_zones,) bool of hexahedra. Given a rate in 1/s too,
-    it adds the rate times their stiffness damping. Ground that may yield counts as elastic, without
-    its patches, which only soften it: a product that yields is not linear.
+
+def zone_products(model: Model) -> Callable[..., Product]:
+    """Return functions that multiply a motion (n_nodes, 3) by M^-1 K of its zones, in 1/s2.
+
+    They are made from the masses (n_nodes,) of nodes in kg, for all zones or the active ones
+    (n_zones,) bool of hexahedra. Given a rate in 1/s too, they add the rate times their stiffness
+    damping. Ground that may yield counts as elastic, without its patches, which only soften it: a
+    product that yields is not linear.
 
     It is one step of the core from rest, without joints, loads and boundaries; springs that relax
     act in full, in hexahedra as moduli, without their memory.
@@ -231,16 +237,17 @@ def zone_product(model: Model, mass: np.ndarray, active: np.ndarray | None = Non
         plain = replace(plain, materials=_unrelaxed(model, relaxing))
         laws |= _branches([()] * len(model.mesh.groups))
     if model.mesh.hexahedral:
-        zones, _ = pack_arrays(plain, alone["contact_node"], active, layered=False)
+        zones, member = pack_arrays(plain, alone["contact_node"], layered=False)
         zones |= no_layer(False, len(zones["pack_set"]), model.mesh.order + 1)
     else:
         zones = _tetrahedra(plain, alone["contact_node"])
+    n_nodes = len(model.nodes.points)
     constants = {
         "dt": 1.0,
-        "node_mass": mass,
-        "node_alpha": np.zeros(len(mass)),
+        "node_mass": np.ones(n_nodes),
+        "node_alpha": np.zeros(n_nodes),
         "local_damping": 0.0,
-        "node_load": np.zeros((len(mass), 3)),
+        "node_load": np.zeros((n_nodes, 3)),
         **alone,
         **laws,
         **zones,
@@ -250,16 +257,22 @@ def zone_product(model: Model, mass: np.ndarray, active: np.ndarray | None = Non
         "receiver_node": np.zeros((0, model.nodes.zone_nodes.shape[1]), dtype=np.int32),
         "receiver_weight": np.zeros((0, model.nodes.zone_nodes.shape[1])),
     }
-    views, rest = to_fortran(constants), initial_state(constants)
+    rest = initial_state(constants)
 
-    def product(motion, rate=0.0):
-        state = {name: value.copy() for name, value in rest.items()}
-        state["displacement"][:] = motion
-        state["velocity"][:] = rate * motion
-        advance(views, state, 0, 1, 1)
-        return rate * motion - state["velocity"]
+    def of_zones(mass, active=None):
+        stiff = {} if active is None else stiff_alone(zones, member, active)
+        views = to_fortran({**constants, "node_mass": mass, **stiff})
 
-    return product
+        def product(motion, rate=0.0):
+            state = {name: value.copy() for name, value in rest.items()}
+            state["displacement"][:] = motion
+            state["velocity"][:] = rate * motion
+            advance(views, state, 0, 1, 1)
+            return rate * motion - state["velocity"]
+
+        return product
+
+    return of_zones
 
 
 def _unrelaxed(model, groups):

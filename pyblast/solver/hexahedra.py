@@ -38,7 +38,6 @@ def no_packs(single: bool) -> dict[str, Any]:
 def pack_arrays(
     model: Model,
     contact_node: np.ndarray,
-    active: np.ndarray | None = None,
     layered: bool = True,
 ) -> tuple[dict[str, Any], np.ndarray]:
     """Return the kernel arrays of the hexahedra of a model; theory.md (2.44) to (2.47).
@@ -47,8 +46,6 @@ def pack_arrays(
     ----------
     model : Model
     contact_node : (n_contacts, 2) int32
-    active : (n_zones,) bool, optional
-        Zones that have their stiffness; the others have none.
     layered : bool
         Whether zones of an absorbing layer are such, not plain ground.
 
@@ -78,23 +75,20 @@ def pack_arrays(
         n_mapped = n_mapped if brick[zones[0]] else len(packs)
     member = np.array([np.resize(zones, width) for zones in packs])
     real = np.array([np.arange(width) < len(zones) for zones in packs])
-    stiff = real if active is None else real & active[member]
     lame, shear = model.node_moduli()
     metric = np.zeros((n_mapped, size, 11, width))
     bricks = np.zeros((len(packs) - n_mapped, 5, width))
-    for number in range(len(packs)):
-        zones, full = member[number], stiff[number]
-        if number < n_mapped:
-            metric[number, :, :9] = np.einsum(
-                "zarc,za,z->arcz", inverse[zones], nodes.volumes[zones], full
-            ).reshape(size, 9, width)
-            metric[number, :, 9] = (full[:, None] * lame[zones] / nodes.volumes[zones]).T
-            metric[number, :, 10] = (full[:, None] * shear[zones] / nodes.volumes[zones]).T
-        else:
-            eighth = full * nodes.volumes[zones].sum(axis=1) / 8.0
-            at = bricks[number - n_mapped]
-            at[:3] = np.einsum("zcc->cz", inverse[zones, 0])
-            at[3], at[4] = lame[zones, 0] * eighth, shear[zones, 0] * eighth
+    for number in range(n_mapped):
+        zones, full = member[number], real[number]
+        metric[number, :, :9] = np.einsum(
+            "zarc,za,z->arcz", inverse[zones], nodes.volumes[zones], full
+        ).reshape(size, 9, width)
+        metric[number, :, 9] = (full[:, None] * lame[zones] / nodes.volumes[zones]).T
+        metric[number, :, 10] = (full[:, None] * shear[zones] / nodes.volumes[zones]).T
+    of_bricks = member[n_mapped:]
+    eighth = real[n_mapped:] * nodes.volumes.sum(axis=1)[of_bricks] / 8.0
+    bricks[:, :3] = np.einsum("zcc->zc", inverse[:, 0])[of_bricks].transpose(0, 2, 1)
+    bricks[:, 3], bricks[:, 4] = lame[of_bricks, 0] * eighth, shear[of_bricks, 0] * eighth
     arrays = {
         "hex_order": order,
         "n_mapped": n_mapped,
@@ -108,6 +102,17 @@ def pack_arrays(
         **_no_tetrahedra(size, len(mesh.groups)),
     }
     return arrays, member
+
+
+def stiff_alone(
+    arrays: dict[str, Any], member: np.ndarray, active: np.ndarray
+) -> dict[str, np.ndarray]:
+    """Return the tables of `pack_arrays` without the stiffness of zones not ``active``."""
+    stiff, n_mapped = active[member][:, None, :], arrays["n_mapped"]
+    return {
+        "pack_metric": arrays["pack_metric"] * stiff[:n_mapped, None],
+        "pack_brick": arrays["pack_brick"] * stiff[n_mapped:],
+    }
 
 
 def _bricks(inverse):

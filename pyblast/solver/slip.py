@@ -116,8 +116,12 @@ class JointObserver:
         initial, normal = (self.constants[f"contact_{n}"] for n in ("initial", "normal"))
         traction, records = state["contact_traction"], self.records
         for least, strength in zip(records["margin"], self.strengths, strict=True):
-            factors = slip_factors(initial, traction - initial, normal, *strength)
-            np.minimum(least, factors, out=least)
+            sticks = np.flatnonzero(np.isfinite(strength[[0, 2]]).any(axis=0))
+            factors = slip_factors(
+                initial[sticks], traction[sticks] - initial[sticks], normal[sticks],
+                *strength[:, sticks],
+            )  # fmt: skip
+            least[sticks] = np.minimum(least[sticks], factors)
         slip, opening = self.moved(state["contact_state"])
         later = slip > records["largest_slip"]
         records["slip_step"][later] = step

@@ -129,17 +129,22 @@ UNGUARDED = """
 from test_cache import DURATION, small
 from pyblast.errors import LostProcessError
 from pyblast.runs.parallel import run_all, workers
-with workers(2) as pool:
-    try:
-        run_all([small(1.0), small(2.0)], DURATION, executor=pool)
-    except LostProcessError as error:
-        print(error)
+try:
+    with workers(2) as pool:
+        {work}
+except LostProcessError as error:
+    print(error)
 """
+WORK = {
+    "runs": "run_all([small(1.0), small(2.0)], DURATION, executor=pool)",
+    "its own functions": "list(pool.map(abs, [-1.0, -2.0]))",
+}
 
 
-def test_a_script_without_its_guard_is_told_so(tmp_path):
+@pytest.mark.parametrize("work", WORK)
+def test_a_script_without_its_guard_is_told_so(tmp_path, work):
     script = tmp_path / "script.py"
-    script.write_text(UNGUARDED)
+    script.write_text(UNGUARDED.format(work=WORK[work]))
     path = os.pathsep.join([str(Path(__file__).parent), str(Path(__file__).parents[2])])
 
     done = subprocess.run(

@@ -256,6 +256,7 @@ def smoothed_quadrilaterals(
     """
     n, d = points.shape
     base, ends = corners[:, 0], corners[:, 1:]
+    moved = np.concatenate([ends.T.ravel(), base])
 
     def value(flat, power):
         at = points + np.einsum("nij,nj->ni", free, flat.reshape(n, d))
@@ -268,10 +269,8 @@ def smoothed_quadrilaterals(
         weight = -2.0 * norm * scaled / scaled.sum() / each / edge
         turned = inverse.transpose(0, 2, 1)
         slopes = weight[:, None, None] * (turned @ inverse @ turned)
-        slope = np.zeros((n, d))
-        for k in range(d):
-            np.add.at(slope, ends[:, k], slopes[:, :, k])
-        np.add.at(slope, base, -slopes.sum(axis=2))
+        parts = np.concatenate([*np.moveaxis(slopes, 2, 0), -slopes.sum(axis=2)])
+        slope = np.stack([np.bincount(moved, part, minlength=n) for part in parts.T], axis=1)
         return norm, np.einsum("nij,nj->ni", free, slope).ravel()
 
     shift = np.zeros(points.size)
