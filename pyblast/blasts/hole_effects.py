@@ -202,6 +202,12 @@ class HoleChange(NamedTuple):
         return _two(self.scale)[..., None] * np.exp(log)
 
 
+    def over(self, other: "HoleChange") -> "HoleChange":
+        """Return the change that makes this one of another one, whose scales aren't zero."""
+        rest = (_two(x) - _two(y) for x, y in zip(self[1:], other[1:], strict=True))
+        return HoleChange(_two(self.scale) / _two(other.scale), *rest)
+
+
 def together(changes: Sequence[HoleChange]) -> HoleChange:
     """Return several changes of the same holes as one."""
     scale, rest = 1.0, np.zeros(3).tolist()
