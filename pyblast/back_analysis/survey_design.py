@@ -285,6 +285,8 @@ class SurveyDesign:
         Why the mesh error is not included; empty where it is.
     uncertain : tuple of str
         Sentences on candidates and frequencies that do not count since a run does not hold there.
+    holes : tuple of str
+        Sentences on what would tell hole effects that the blast can't tell.
     """
 
     parameters: tuple[Parameter, ...]
@@ -304,6 +306,7 @@ class SurveyDesign:
     slip: dict[str, Slip]
     mesh_error_missing: str
     uncertain: tuple[str, ...] = ()
+    holes: tuple[str, ...] = ()
 
     def constraint(self, number) -> str:
         """Return how well a parameter is constrained: well, partly, hardly, or not identifiable."""

@@ -14,6 +14,7 @@ REACH = 7.0  # m from a hole, to which it damages the rock
 BROKEN = 4e-3, 8e-3  # s before a hole fires: rock is damaged, ground on the way is broken
 ALONG = 80.0, 0.5  # m of a path that may lie in broken ground, and the step along it
 LATE = 0.2  # s
+ALIKE = 0.7  # correlation of covariates, above which their effects are hardly separable
 HARDLY = "hardly varies"  # said of a covariate that can't explain anything here
 KERNELS = "scale", "delay", "loss", "duration"
 
@@ -201,6 +202,11 @@ class HoleChange(NamedTuple):
         log = sum(np.multiply.outer(_two(x), k) for x, k in kernels if np.any(x))
         return _two(self.scale)[..., None] * np.exp(log)
 
+    def over(self, other: "HoleChange") -> "HoleChange":
+        """Return the change that makes this one of another one, whose scales aren't zero."""
+        rest = (_two(x) - _two(y) for x, y in zip(self[1:], other[1:], strict=True))
+        return HoleChange(_two(self.scale) / _two(other.scale), *rest)
+
 
 def together(changes: Sequence[HoleChange]) -> HoleChange:
     """Return several changes of the same holes as one."""
@@ -366,3 +372,30 @@ ROWS = (
         "a blast in which some holes have one deck",
     ),
 )  # fmt: skip
+
+
+def what_would_tell(patterns: Sequence[Pattern]) -> list[str]:
+    """Return which holes or receivers would tell hole effects that these blasts can't tell.
+
+    A sentence for each covariate that hardly varies, and for each pair of one kernel whose
+    covariates have a correlation of at least `ALIKE`.
+    """
+    reasons, varying = {}, []
+    for row in ROWS:
+        reason = row.hardly_varies(patterns)
+        if reason:
+            reasons.setdefault(reason, []).append(row.name)
+        else:
+            each = [np.broadcast_to(row.covariate(p), (len(p.places), len(p.receivers)))
+                    for p in patterns]  # fmt: skip
+            varying.append((row, np.concatenate([np.ravel(c) for c in each])))
+    lines = [f"{', '.join(names)}: {reason}" for reason, names in reasons.items()]
+    for n, (row, own) in enumerate(varying):
+        for other, beside in varying[n + 1 :]:
+            alike = float(np.corrcoef(own, beside)[0, 1])
+            if row.kernel == other.kernel and abs(alike) >= ALIKE:
+                lines.append(
+                    f"{row.name} and {other.name} are hardly separable (correlation "
+                    f"{alike:.2f}): {row.decided_by}; or {other.decided_by}"
+                )
+    return lines

@@ -507,7 +507,7 @@ def show_survey(plan: "SurveyDesign", folder: Path) -> None:
     summary = summarise_survey(plan)
     say("sensitivity at the middle of the ranges; the values are not estimates:")
     show_identifiability(summary)
-    for line in summary["slip"]:
+    for line in (*summary["slip"], *summary["holes"]):
         say(line)
     say(f"noise: {summary['noise']}")
     say(f"results: {folder}")

@@ -1,6 +1,7 @@
 """Cross-validation: prediction of receivers and blasts that were held out of a fit."""
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
@@ -18,6 +19,9 @@ from .thresholds import (
     LEAST_LOSS,
     STANDARD_ERRORS,
 )
+
+HARDLY = "the effect hardly changes its motion"
+UNCONSTRAINED = "without it the others do not constrain the effect"
 
 
 @dataclass(frozen=True)
@@ -48,9 +52,12 @@ class CrossValidation:
     ----------
     subsets : tuple of Subset
         Each was held out in turn.
+    not_held_out : dict of str to str
+        The others, with the reason.
     """
 
     subsets: tuple[Subset, ...]
+    not_held_out: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def delta_ln_likelihood(self) -> float:
@@ -115,21 +122,24 @@ def cross_validate(scene: Scene, before: Fit, after: Fit) -> CrossValidation:
     whole = [_Linear.of(scene, fit) for fit in (before, after)]
     change = np.sum(scene.seen(after.motion - before.motion) ** 2, axis=(-2, -1))
     expected = 0.5 * change / np.maximum(scene.baseline.usual, np.finfo(float).tiny)
-    subsets = []
+    subsets, others = [], {}
     for name, records in _possible_subsets(scene.case, added):
         out = np.zeros(change.shape, dtype=bool)
         out[records] = scene.baseline.usual[records] > 0.0
         if name in targets or np.sum(expected[out]) < LEAST_LOSS:
+            others[name] = "the effect acts on it alone" if name in targets else HARDLY
             continue
-        with contained({}, f"{name} held out"):
+        with contained(others, name):
             first, second = (linear.without(out) for linear in whole)
             detected = second.of_others - first.of_others > DECISIVE
             variance = np.diag(second.posterior.covariance)[len(after.values) :]
-            if detected or _is_constrained(variance, own):
+            if not (detected or _is_constrained(variance, own)):
+                others[name] = UNCONSTRAINED
+            else:
                 gain = second.log_likelihood - first.log_likelihood
                 reduction = (each.variance_reduction for each in (first, second))
                 subsets.append(Subset(name, float(gain), *reduction))
-    return CrossValidation(tuple(subsets))
+    return CrossValidation(tuple(subsets), others)
 
 
 def _possible_subsets(case, added):

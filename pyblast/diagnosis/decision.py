@@ -9,10 +9,10 @@ from scipy.special import logsumexp
 
 from ..errors import contained
 from ..ground.tables import is_anisotropic
-from ..inference.location import unrestricted
+from ..inference.location import Places, unrestricted
 from ..simulation.simulation import Simulation
 from .cross_validation import CrossValidation, cross_validate
-from .effects import Scene
+from .effects import Scene, of_all_holes
 from .fitting import Fit, corrected, fit, not_fitted, not_improved
 from .search import Search, material, worst
 from .thresholds import (
@@ -159,11 +159,23 @@ def open_set_ratio(search: Search, chosen: Fit) -> float | None:
     if search.scores is None:
         return None
     without, scores = search.without_effects, search.scores
-    rock, joints = search.scene.secondary_places
-    everywhere = [(rock, 1.0), *([(joints, SPRINGS)] if len(joints.sizes) else [])]
     residual = scores.residual(without.motion, without.values)
-    free = unrestricted(scores.at_fit(without).error, everywhere, residual)
+    free = unrestricted(scores.at_fit(without).error, sources_anywhere(search.scene), residual)
     return None if free < search.required else search.delta_ln_evidence(chosen) / free
+
+
+def sources_anywhere(scene: Scene) -> list[tuple[Places, float]]:
+    """Return all cells of rock and patches of joints of a scene, and the spread of their changes.
+
+    Over that of rock; rock comes first.
+
+    Raises
+    ------
+    InputError, SolverError
+        If secondary sources can't be computed.
+    """
+    rock, joints = scene.secondary_places
+    return [(rock, 1.0), *([(joints, SPRINGS)] if len(joints.sizes) else [])]
 
 
 def body_explains_more(search: Search, chosen: Fit) -> tuple[str, ...]:
@@ -311,10 +323,30 @@ def intervals(fit: Fit) -> list[dict]:
     return tables
 
 
+def wide_covariance(fit: Fit) -> np.ndarray:
+    """Return the posterior covariance (n, n) of standardised parameters, all blasts as one.
+
+    No variance exceeds that of the prior; (14.9).
+    """
+    own = fit.posterior.covariance
+    variance = np.maximum(np.diag(own), np.finfo(float).tiny)
+    blasts = np.count_nonzero(fit.chi_square.any(axis=1))
+    factor = np.sqrt(np.minimum(blasts * variance, 1.0) / variance)
+    return own * np.outer(factor, factor)
+
+
+def covariance_of_rows(fit: Fit) -> np.ndarray:
+    """Return that of the effects on holes of the whole site, parameters in their order."""
+    rows = of_all_holes(fit.effects)
+    own = [len(fit.values) * [False]]
+    own += [[e in rows] * sum(map(len, e.values)) for e in fit.effects]
+    at = np.flatnonzero(np.concatenate(own))
+    return wide_covariance(fit)[np.ix_(at, at)]
+
+
 def _ends(fit):
     """Return the lower and upper ends (2, n_parameters) of 90 % intervals of one mode."""
-    blasts = np.count_nonzero(fit.chi_square.any(axis=1))
-    half = HALF_WIDTH * np.sqrt(np.minimum(blasts * np.diag(fit.posterior.covariance), 1.0))
+    half = HALF_WIDTH * np.sqrt(np.diag(wide_covariance(fit)))
     lower, upper = (x[len(fit.values) :] for x in (fit.state.x - half, fit.state.x + half))
     parameters = [
         parameter for effect in fit.effects

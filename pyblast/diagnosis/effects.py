@@ -30,7 +30,6 @@ from ..inference.variation import (
 )
 from ..project.project import Project
 from ..project.uncertain_ground import factors_of
-from ..simulation.estimate import cost_of
 from ..simulation.recipe import HARMONICS
 from ..simulation.simulation import Simulation
 from ..units import plain_number
@@ -433,8 +432,7 @@ class Scene:
         Planes and surfaces that nearly meet leave zones without end of their time step.
         """
         if state.geometry not in self._prices:
-            cost = cost_of(self.simulation.model(state), self.simulation.duration)
-            self._prices[state.geometry] = cost.seconds
+            self._prices[state.geometry] = self.simulation.price(state)
         return self._prices[state.geometry]
 
     @property
@@ -581,13 +579,17 @@ class Scene:
 
     def _factor(self, changes, latest):
         """Return a length of transforms without wrap-around, and the factor on what holes send."""
-        n, dt, band = self.case.n_samples, self.case.dt, self.case.band
+        n, dt = self.case.n_samples, self.case.dt
         latest = int((latest + np.max(changes.delay, initial=0.0)) / dt) + 1
         size = fft.next_fast_len(n + max(n, latest), real=True)
-        omega = 2.0 * np.pi * fft.rfftfreq(size, dt)
+        return size, self.factor(changes, 2.0 * np.pi * fft.rfftfreq(size, dt))
+
+    def factor(self, changes: HoleChange, omega: np.ndarray) -> np.ndarray:
+        """Return the factor (n_holes, n_receivers or 1, n_omega) of changes at omega in rad/s."""
+        band = self.case.band
         middle = 2.0 * np.pi * np.sqrt(max(band.low, 0.1) * band.high)
         pulse = self._pulse(omega) if np.any(changes.duration) else 0.0
-        return size, changes.factor(omega, middle, pulse)
+        return changes.factor(omega, middle, pulse)
 
     def _pulse(self, omega):
         """Return the derivative of ln S by ln f of the pulse S of a hole, (n_omega,) complex128."""
@@ -656,6 +658,11 @@ def acting_on(effects, on):
     return tuple(
         sorted(acting, key=lambda e: (FAMILIES.index(e.hypothesis.family), order.index(e.name)))
     )
+
+
+def of_all_holes(effects: Sequence[Effect]) -> list[Effect]:
+    """Return the effects on holes that act on those of each blast of the site, in their order."""
+    return [each for each in effects if each.hypothesis.on == "holes" and not each.target]
 
 
 def changed_site(

@@ -308,6 +308,7 @@ class SiteScores:
     fit: Fit | None = None
     _beside: dict[int, "SiteScores"] = field(default_factory=dict, repr=False)
     _of_blasts: dict[tuple, ErrorModel] = field(default_factory=dict, repr=False)
+    _scored: dict[int, tuple[Fit, np.ndarray]] = field(default_factory=dict, init=False, repr=False)
 
     @cached_property
     def error(self) -> ErrorModel:
@@ -333,9 +334,11 @@ class SiteScores:
             known = self._beside[id(fit)] = replace(self, fit=fit, _beside={}, _of_blasts={})
         return known
 
-    def of(self, changes: Sequence[Change], blasts: Sequence[int], residuals: np.ndarray) -> Scores:
+    def of(
+        self, changes: Sequence[Change], blasts: Sequence[int], residuals, every: bool = False
+    ) -> Scores:
         """Return the scores of changes by the records of some blasts, of residuals of all."""
-        return self._error_of(tuple(blasts)).scores(residuals, changes)
+        return self._error_of(tuple(blasts)).scores(residuals, changes, every)
 
     def _error_of(self, blasts):
         """Return the error of the records of some blasts; those of a set are kept."""
@@ -354,10 +357,10 @@ class SiteScores:
             numbers.setdefault(member.blasts, []).append(n)
         return numbers
 
-    def of_members(self, residuals: np.ndarray) -> dict[tuple[int, ...], Scores]:
+    def of_members(self, residuals, every: bool = False) -> dict[tuple[int, ...], Scores]:
         """Return the scores of the members of each set of blasts, in the order of `numbers`."""
         return {
-            blasts: self.of([self.members[n].change for n in own], blasts, residuals)
+            blasts: self.of([self.members[n].change for n in own], blasts, residuals, every)
             for blasts, own in self.numbers.items()
         }
 
@@ -402,8 +405,12 @@ class SiteScores:
         return self.residual(baseline.motion + self.scene.filtered().change, baseline.values)
 
     def _members_beside(self, fit):
-        """Return the log Bayes factor (n_members, 1) of each member beside a fit."""
-        return self.at_fit(fit).log_bayes(self.residual(fit.motion, fit.values)[None])
+        """Return the log Bayes factor (n_members, 1) of each member beside a fit, kept."""
+        known = self._scored.get(id(fit))
+        if known is None or known[0] is not fit:
+            scored = self.at_fit(fit).log_bayes(self.residual(fit.motion, fit.values)[None])
+            known = self._scored[id(fit)] = fit, scored
+        return known[1]
 
     def beside(self, fit: Fit) -> dict[str, float]:
         """Return the score of each label beside a fit, best first."""
@@ -468,19 +475,15 @@ class SiteScores:
         return pairs[best][0], float(scores.log_bayes[best, 0])
 
     @cached_property
-    def at_prior(self) -> dict[tuple[int, ...], Scores]:
-        """Scores of the members of each set of blasts around the calibrated site."""
-        return self.of_members(self.prior[None])
-
-    @property
     def at(self) -> Level:
-        """Most probable level of the error."""
-        return self.at_prior[main_blasts(self.scene.case)].at
+        """Most probable level of the error of the calibrated site."""
+        return self.of((), main_blasts(self.scene.case), self.prior[None]).at
 
     @cached_property
     def drawn(self) -> dict[tuple[int, ...], Scores]:
         """Scores of the members of each set of blasts, of draws without an effect at `at`."""
-        return self.of_members(self.error.draws(np.random.default_rng(self.seed), DRAWS, self.at))
+        drawn = self.error.draws(np.random.default_rng(self.seed), DRAWS, self.at)
+        return self.of_members(drawn, every=True)
 
     @cached_property
     def thresholds(self) -> dict[str, float]:

@@ -14,7 +14,14 @@ from ..inference.variation import Varied
 from .calibration import Baseline, like_taught
 from .case import Case, case_of
 from .cross_validation import CrossValidation
-from .decision import FINER_MESH, RESOLUTION, RESOLUTION_DECIDED_BY, Decision, intervals
+from .decision import (
+    FINER_MESH,
+    RESOLUTION,
+    RESOLUTION_DECIDED_BY,
+    Decision,
+    covariance_of_rows,
+    intervals,
+)
 from .effects import PredictionScene, Scene, with_motion_effects
 from .fitting import Fit
 from .forward import quarter_wave, simulation_of
@@ -83,30 +90,26 @@ def summarise_diagnosis(
             "energy_share": None if FINER_MESH in scene.failures else round(float(mesh_energy), 4),
             "chi_square_of_answer": None if change is None else round(change, 2),
         },
-        "data_quality": {
-            "unused_records": case.unused,
-            "receivers_without_records": [
-                receiver.name for receiver in case.project.receivers
-                if receiver.name not in (*case.receivers, *case.unused)
-            ],
-            "band_hz": [case.band.low, case.band.high],
-            "band_limited": case.carried,
-            "clipped": _clipped(case),
-            "low_pass_hz": {name: case.project.survey.shot(name).low_pass for name in case.blasts},
-            "excluded_share": round(float(np.mean(~case.valid)), 4),
-        },
+        "data_quality": _data_quality(case),
+        "implausible_peaks": [],  # of a project file
         "fails": list(decision.fails),
         "next_measurement": _next_measurement(search, decision, remainder),
         "calibration": _calibration(baseline, fit),
-        "model": {
-            "values": fit.values.tolist(), "error_share": fit.posterior.level,
-            "effects": [
-                {"name": e.name, "target": e.target, "values": [list(v) for v in e.values]}
-                for e in fit.effects
-            ],
-            "baseline_values": baseline.values.tolist(),
-        },
+        "model": _model(baseline, fit),
         "not_computed": not_computed(scene.failures),
+    }  # fmt: skip
+
+
+def _model(baseline, fit):
+    """Return the site of an answer, by which a further blast is predicted."""
+    return {
+        "values": fit.values.tolist(), "error_share": fit.posterior.level,
+        "effects": [
+            {"name": e.name, "target": e.target, "values": [list(v) for v in e.values]}
+            for e in fit.effects
+        ],
+        "baseline_values": baseline.values.tolist(),
+        "rows_covariance": covariance_of_rows(fit).tolist(),
     }  # fmt: skip
 
 
@@ -158,6 +161,23 @@ def _calibration(baseline, fit):
             baseline.parameters, fit.values, fit.values / baseline.sigma, strict=True
         )
     ]  # fmt: skip
+
+
+def _data_quality(case):
+    """Return what of the records is not used, and how what is used was filtered."""
+    return {
+        "unused_records": case.unused,
+        "receivers_without_records": [
+            receiver.name
+            for receiver in case.project.receivers
+            if receiver.name not in (*case.receivers, *case.unused)
+        ],
+        "band_hz": [case.band.low, case.band.high],
+        "band_limited": case.carried,
+        "clipped": _clipped(case),
+        "low_pass_hz": {name: case.project.survey.shot(name).low_pass for name in case.blasts},
+        "excluded_share": round(float(np.mean(~case.valid)), 4),
+    }
 
 
 def _clipped(case):
@@ -356,6 +376,7 @@ def _held_out(tested: CrossValidation | None):
         "variance_reduction_before": _mean([s.variance_reduction_before for s in subsets]),
         "variance_reduction_after": _mean([s.variance_reduction_after for s in subsets]),
         "subsets": [vars(subset) for subset in subsets],
+        "not_held_out": dict(tested.not_held_out),
     }
 
 
@@ -453,11 +474,13 @@ def _more_receivers(remainder):
 
 
 def place_in_words(point: Mapping) -> str:
-    """Return the place of a located residual in words, with how far it is known."""
+    """Return the place of a located residual in words: how far it is known, how the ground is."""
     on = f" on joint {point['joint']}" if point["joint"] else ""
+    nature = f", {point['nature']} ground" if point["nature"] else ""
+    doubt = "; in doubt: inside of the blasted pattern" if point["in_pattern"] else ""
     return (
         f"east {point['x']:.0f} m, north {point['y']:.0f} m, height {point['z']:.0f} m{on} "
-        f"(within {point['within_m']:.0f} m)"
+        f"(within {point['within_m']:.0f} m{nature}{doubt})"
     )
 
 
@@ -558,9 +581,11 @@ def points_of(search: Search, fit: Fit) -> tuple[list[dict], dict | None]:
     -------
     list of dict
         The best place: ``x``, ``y``, ``z``, ``within_m`` in m, ``volume_m3``, which hold it with
-        90 %, ``score``, ``change``, the logarithms of cp, cs and density there, ``joint``, the
-        surface on which it lies, or None. Empty where a change anywhere scores below the threshold
-        of the site, or that volume exceeds `RESOLVED` of the whole.
+        90 %, ``score``, ``change``, the logarithms of cp, cs and density there, ``nature``, soft
+        or stiff where both moduli agree, else None, ``joint``, the surface on which it lies, or
+        None, ``in_pattern``: whether it lies among the holes of a blast, whose own errors look
+        alike. Empty where a change anywhere scores below the threshold of the site, or that volume
+        exceeds `RESOLVED` of the whole.
     dict or None
         Cells: ``x``, ``y``, ``z`` in m and ``score`` of each; None where nothing scores at all.
 
@@ -592,8 +617,36 @@ def points_of(search: Search, fit: Fit) -> tuple[list[dict], dict | None]:
     change = dict(zip(PROPERTIES, np.round(body.strength[body.best], 3).tolist(), strict=True))
     return [
         {"x": x, "y": y, "z": z, "within_m": further[0], "volume_m3": further[1],
-         "score": round(float(body.log_bayes.max()), 1), "change": change, "joint": on}
+         "score": round(float(body.log_bayes.max()), 1), "change": change,
+         "nature": None if on else _nature(change), "joint": on,
+         "in_pattern": _in_pattern(scene.case, position)}
     ], cells  # fmt: skip
+
+
+def _nature(change):
+    """Return whether ground is soft or stiff by the logarithms of its moduli, None if they differ.
+
+    >>> _nature({"cp": -0.1, "cs": -0.2, "density": 0.0})
+    'soft'
+    """
+    moduli = [2.0 * change[speed] + change["density"] for speed in ("cp", "cs")]
+    if all(modulus < 0.0 for modulus in moduli):
+        return "soft"
+    return "stiff" if all(modulus > 0.0 for modulus in moduli) else None
+
+
+def _in_pattern(case, position):
+    """Tell whether a position (3,) in m lies among the holes of a blast, seen from above.
+
+    It is no farther from a hole than holes are from the nearest other one, in the median.
+    """
+    for name in case.blasts:
+        holes = np.unique(case.project.blasts[name].centres[:, :2].round(2), axis=0)  # decks once
+        apart = np.linalg.norm(holes[:, None] - holes, axis=-1) + np.diag([np.inf] * len(holes))
+        spacing = np.median(apart.min(axis=1))
+        if np.isfinite(spacing) and np.linalg.norm(holes - position[:2], axis=1).min() <= spacing:
+            return True
+    return False
 
 
 def held_out_blasts(everything: Case, scene: Scene, decision: Decision) -> dict | None:

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
+from scipy.linalg import lapack
 
 from .nuisances import scattering
 from .records import Band, Noise, Records
@@ -11,8 +12,8 @@ from .records import Band, Noise, Records
 
 def applied(blocks, numbers):
     """Return numbers (..., n_blasts, n_receivers, n) by the matrix of each blast and receiver."""
-    flat = numbers.reshape(-1, *numbers.shape[-3:])
-    return (blocks @ flat.transpose(1, 2, 3, 0)).transpose(3, 0, 1, 2).reshape(numbers.shape)
+    flat = numbers.reshape(-1, *numbers.shape[-3:]).transpose(1, 2, 0, 3)
+    return (flat @ blocks.swapaxes(-1, -2)).transpose(2, 0, 1, 3).reshape(numbers.shape)
 
 
 MEMORY = 0.2  # s, decay time of the power of a coda
@@ -63,7 +64,7 @@ class RecordBlocks:
         """
         roots = np.linalg.cholesky(self._total(scatter, coda, holes))
         logarithm = 2.0 * np.sum(np.log(np.diagonal(roots, axis1=-2, axis2=-1)), axis=-1)
-        return np.linalg.inv(roots), logarithm
+        return _inverse(roots), logarithm
 
     def of(self, blasts: Sequence[int], receivers: Sequence[int]) -> "RecordBlocks":
         """Return the covariance of the records of some blasts at some receivers."""
@@ -144,6 +145,14 @@ def noise_blocks(noise: Noise, band: Band, n_blasts: int) -> np.ndarray:
     return np.array([
         [noise.covariance(band, b, r) for r in range(shape[1])] for b in range(shape[0])
     ])  # fmt: skip
+
+
+def _inverse(roots):
+    """Return the inverses of lower triangular matrices (n_blasts, n_receivers, n, n)."""
+    inverse = np.empty_like(roots)
+    for index in np.ndindex(roots.shape[:2]):
+        inverse[index] = lapack.dtrtri(roots[index].T, lower=0)[0].T  # as Fortran stores them
+    return inverse
 
 
 def _of_energy(blocks, energy):

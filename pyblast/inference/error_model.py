@@ -1,9 +1,9 @@
 """Error model of predicted records: posterior of properties, scores of changes, draws."""
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
-from itertools import pairwise, product
+from itertools import groupby, product
 from typing import NamedTuple
 
 import numpy as np
@@ -14,6 +14,7 @@ from .covariance import RecordBlocks, applied
 from .nuisances import GROUND, HOLES, TRANSFER, Nuisances
 
 NORMAL_95 = 1.6448536269514722  # quantile
+DROPPED = 60.0  # log evidence below the best, from where a level has no weight
 TINY = 1e-12  # of the information on a change that nuisances explain
 DETECTED = 0.9  # share of cases in which a change at its detection limit is found
 STRONGEST = 1e4  # times the strength that is detected where the level of the error is known
@@ -81,7 +82,8 @@ class Posterior:
         Share of the energy of each record, above its noise, that remains with all properties and
         nuisances where they are most probable.
     evidences : (n_levels, 2) float64
-        Learned model error, as ``level``, and log evidence at each level.
+        Learned model error, as ``level``, and log evidence at each level; minus infinity where it
+        was found to have no weight.
     """
 
     mean: np.ndarray
@@ -189,6 +191,7 @@ class Scores:
     one_sided : list of bool
         Whether the strength of each change is positive.
     by_level : list of ByLevel
+        At the levels of weight, or at all.
     """
 
     log_evidence: np.ndarray
@@ -229,7 +232,7 @@ class Scores:
             without, gain = np.tensordot(powers, evidence, 1), np.tensordot(powers, bayes, 1)
             if self.one_sided[change]:
                 gain += np.log(2.0) + log_ndtr(np.tensordot(powers[:2], beyond, 1))
-            score = logsumexp(without + gain, axis=0) - logsumexp(without, axis=0)
+            score = _log_sum(without + gain) - _log_sum(without)
             return float(np.quantile(score, 1.0 - DETECTED)) - threshold
 
         first = high = np.sqrt(2.0 * max(threshold, 1.0) / length)
@@ -256,7 +259,7 @@ class Scores:
             bayes.append([still, added @ mean, 0.5 * (added @ moved) * same])
             root = np.sqrt(inner[0, 0])
             beyond.append([root * mean[0], root * moved[0] * same])
-        return (np.swapaxes(rows, 0, 1) for rows in (evidence, bayes, beyond))
+        return (np.stack(rows, axis=1) for rows in (evidence, bayes, beyond))
 
 
 class _Whitened(NamedTuple):
@@ -284,20 +287,47 @@ class _Factored(NamedTuple):
     log_determinant: float
 
 
-class _Eliminated(NamedTuple):
-    """Products of rows at a level whose columns are eliminated.
+class _Rows(NamedTuple):
+    """Rows of shapes of changes, those of as many shapes together, and below them residuals.
 
-    ``products`` (n_rows, n_rows) are those by the inverse of the whole covariance,
-    ``log_determinant`` is that of the latter. ``root`` (n_columns, n_columns) is the Cholesky
+    ``values`` (n_shapes + n_data, n_blasts, n_receivers, m); ``groups`` are the numbers and the
+    sizes of the changes of each group.
+    """
+
+    values: np.ndarray
+    groups: list[tuple[int, int]]
+
+    def by_group(self, shapes) -> list[np.ndarray]:
+        """Return what is known of each shape (n_shapes, n) as (number, size, n), by group."""
+        ends = np.cumsum([0, *(number * size for number, size in self.groups)])
+        return [
+            shapes[start : start + number * size].reshape(number, size, shapes.shape[-1])
+            for start, (number, size) in zip(ends, self.groups, strict=False)
+        ]
+
+
+class _Eliminated(NamedTuple):
+    """Products of rows at a level whose columns are eliminated, by the inverse covariance.
+
+    ``information`` (number, size, size) of the shapes of each change with each other, by group;
+    ``along`` (n_shapes, n_data) of shapes and residuals; ``square`` (n_data,) of residuals.
+    ``log_determinant`` is that of the covariance. ``root`` (n_columns, n_columns) is the Cholesky
     factor of the columns with their priors, ``across`` (n_columns, n_rows) the products of columns
     and rows after its inverse.
     """
 
     at: Level
     log_determinant: float
-    products: np.ndarray
+    information: list[np.ndarray]
+    along: np.ndarray
+    square: np.ndarray
     root: np.ndarray
     across: np.ndarray
+
+    @property
+    def evidence(self) -> np.ndarray:
+        """Log evidence of each residual without a change, (n_data,)."""
+        return -0.5 * (self.square + self.log_determinant)
 
 
 @dataclass(frozen=True, eq=False)
@@ -322,6 +352,8 @@ class ErrorModel:
     -----
     ``C = N + f S + q K + p T T^T + k^2 J J^T``: theory.md (12.5), (14.10). Everything is linear:
     what is asked for is a row, and one elimination of the columns at each level answers for all.
+    Levels that explain the records `DROPPED` less than others are not looked at: from a usual one
+    on the grid of scatter, coda and holes, the neighbours of those that do not are.
     """
 
     blocks: RecordBlocks
@@ -330,6 +362,8 @@ class ErrorModel:
     offset: np.ndarray | float = 0.0
     whole: "ErrorModel | None" = None
     out: np.ndarray | None = None
+    _white: dict = field(default_factory=dict, init=False, repr=False)
+    _roots: dict = field(default_factory=dict, init=False, repr=False)
 
     def without(self, out: np.ndarray) -> "ErrorModel":
         """Return the error of the records but some, (n_blasts, n_receivers) bool."""
@@ -353,17 +387,20 @@ class ErrorModel:
         posterior means and covariances are averaged by their evidence.
         """
         n, own = len(prior), slopes * prior[:, None, None, None, None]
-        residual, results = residual - self.offset, []
-        for part in self._eliminated(np.concatenate([own, residual[None]])):
-            information, along = part.products[:n, :n], part.products[:n, n:]
-            (gain,), mean = _log_bayes(information, along)
-            evidence = gain - 0.5 * (part.products[n, n] + part.log_determinant)
+        residual = residual - self.offset
+
+        def judged(part):
+            (information,), along = part.information[0], part.along
+            gain, mean = _log_bayes(information, along)
+            evidence = float(gain[0] + part.evidence[0])
             nuisances = linalg.solve_triangular(
                 part.root, part.across[:, n] - part.across[:, :n] @ mean[:, 0], lower=True, trans=1,
                 check_finite=False,
             )  # fmt: skip
             each = np.linalg.inv(np.eye(n) + information)
-            results.append((evidence, mean[:, 0], each, nuisances, part.at))
+            return evidence, (evidence, mean[:, 0], each, nuisances, part.at)
+
+        results = self._judged(_Rows(np.concatenate([own, residual[None]]), [(1, n)]), judged)
         evidences, means, covariances, nuisances, at = zip(*results, strict=True)
         weight = np.exp(np.array(evidences) - logsumexp(evidences))
         best = int(np.argmax(weight))
@@ -378,39 +415,52 @@ class ErrorModel:
         return Posterior(
             mean * prior, covariance * np.outer(prior, prior), prior,
             float(np.exp(weight @ np.log(shares))),
-            float(logsumexp(evidences) - np.log(len(evidences))),
+            float(logsumexp(evidences) - np.log(len(self._all))),
             _root_mean_squares(nuisances[best], groups),
             self.blocks.above_noise(residual - moved - np.tensordot(means[best], own, 1)),
-            np.stack([shares, evidences], axis=-1),
+            self._whole_grid(dict(zip(at, evidences, strict=True))),
         )  # fmt: skip
 
-    def scores(self, residuals: np.ndarray, changes: Sequence[Change] = ()) -> Scores:
+    def scores(
+        self, residuals: np.ndarray, changes: Sequence[Change] = (), every: bool = False
+    ) -> Scores:
         """Return the scores of changes of motion; theory.md (14.11).
 
         Parameters
         ----------
         residuals : (n_data, n_blasts, n_receivers, 3, n_functions) float64, m/s
         changes : sequence of n_changes Change
+        every : bool
+            Whether to look at levels without weight, too, which stronger changes may give it.
         """
-        rows = np.concatenate([*(change.shapes for change in changes), residuals - self.offset])
-        ends = np.cumsum([0, *(len(change.shapes) for change in changes)])
-        pairs, n = list(pairwise(ends)), ends[-1]
-        bayes, means, by_level, at = [], [], [], []
-        for part in self._eliminated(rows):
-            square = np.diag(part.products)[n:]
-            level = ByLevel(
-                -0.5 * (square + part.log_determinant),
-                [part.products[a:b, a:b] for a, b in pairs],
-                [part.products[a:b, n:] for a, b in pairs],
-            )
-            each = [
-                _log_bayes(information, along, change.one_sided)
-                for change, information, along in zip(changes, *level[1:], strict=True)
+        size = [(len(change.shapes), change.one_sided) for change in changes]
+        order = sorted(range(len(changes)), key=size.__getitem__)
+        groups = [(len([*own]), *kind) for kind, own in groupby(order, size.__getitem__)]
+        rows = _Rows(
+            np.concatenate([*(changes[k].shapes for k in order), residuals - self.offset]),
+            [group[:2] for group in groups],
+        )
+        back = np.argsort(order)
+
+        def in_order(by_group):
+            each = [own for group in by_group for own in group]
+            return [each[k] for k in back]
+
+        def judged(part):
+            along = rows.by_group(part.along)
+            scored = [
+                _log_bayes(information, own, one_sided)
+                for (*_, one_sided), information, own in zip(
+                    groups, part.information, along, strict=True
+                )
             ]
-            bayes.append([value for value, _ in each])
-            means.append([mean for _, mean in each])
-            by_level.append(level)
-            at.append(part.at)
+            bayes, means = (in_order([own[k] for own in scored]) for k in (0, 1))
+            level = ByLevel(part.evidence, in_order(part.information), in_order(along))
+            values = level.evidence + np.array([np.zeros(len(residuals)), *bayes])
+            return values, (bayes, means, level, part.at)
+
+        results = self._judged(rows, judged, every)
+        bayes, means, by_level, at = (list(each) for each in zip(*results, strict=True))
         evidence = np.array([level.evidence for level in by_level])
         bayes = np.array(bayes).reshape(len(at), len(changes), len(residuals))
         total = logsumexp(evidence, axis=0)
@@ -423,8 +473,9 @@ class ErrorModel:
         ]
         best = int(np.argmax(evidence[:, 0]))
         return Scores(
-            total - np.log(len(at)), with_change - total, strength, by_level[best].information,
-            at[best], [change.one_sided for change in changes], by_level,
+            total - np.log(len(self._all)), with_change - total, strength,
+            by_level[best].information, at[best], [change.one_sided for change in changes],
+            by_level,
         )  # fmt: skip
 
     def draws(self, rng: np.random.Generator, n: int, at: Level) -> np.ndarray:
@@ -440,6 +491,17 @@ class ErrorModel:
         )
         own = self.blocks.draws(rng, n, at.scatter, at.coda, at.holes)
         return self.offset + moved + own.reshape(moved.shape)
+
+    def log_evidences(self, residual: np.ndarray) -> list[tuple[Level, float]]:
+        """Return the log evidence of a residual (n_blasts, n_receivers, 3, n_functions) by level.
+
+        Up to a constant of the records.
+        """
+
+        def judged(part):
+            return part.evidence[0], (part.at, float(part.evidence[0]))
+
+        return self._judged(_Rows((residual - self.offset)[None], []), judged, every=True)
 
     def most_probable(self, residual: np.ndarray) -> tuple[Level, np.ndarray, np.ndarray]:
         """Return the most probable level, the factors of all columns, and what remains.
@@ -457,9 +519,11 @@ class ErrorModel:
             Records less these columns, by the inverse covariance of their errors.
         """
         row = (residual - self.offset)[None]
-        best = max(
-            self._eliminated(row), key=lambda each: -each.products[0, 0] - each.log_determinant
-        )
+
+        def judged(part):
+            return part.evidence[0], part
+
+        best = max(self._judged(_Rows(row, []), judged), key=lambda part: part.evidence[0])
         factors = best.at.scale(self.nuisances.groups) * linalg.solve_triangular(
             best.root, best.across[:, 0], lower=True, trans=1, check_finite=False
         )
@@ -470,18 +534,44 @@ class ErrorModel:
         return best.at, factors, applied(roots.swapaxes(-1, -2), applied(roots, rest))
 
     @cached_property
-    def _whitened(self) -> list[_Whitened]:
-        """The whitened columns at each level of the errors of a record."""
-        if self.whole is not None:
-            return [self._left(each) for each in self.whole._whitened]
-        shape, parts = self.blocks.noise.shape[:3], []
-        columns = self.nuisances.columns.reshape(-1, *shape)
-        for shares in product(self.levels.scatter, self.levels.coda, self.levels.holes):
-            roots, log_determinant = self.blocks.roots(*shares)
-            white = applied(roots, columns)
-            flat = _flat(white)
-            parts.append(_Whitened(shares, roots, log_determinant, white, flat @ flat.T))
-        return parts
+    def _factors(self) -> list[tuple[float, ...]]:
+        """The levels of transfer, ground and nuisances that columns tell apart."""
+        groups = self.nuisances.groups
+        return list(product(
+            self.levels.transfer if TRANSFER in groups else (0.0,),
+            self.levels.ground if GROUND in groups else (1.0,),
+            self.levels.nuisance,
+        ))  # fmt: skip
+
+    @cached_property
+    def _all(self) -> list[Level]:
+        """All levels of the grid, those of the errors of a record first."""
+        grid = product(self.levels.scatter, self.levels.coda, self.levels.holes)
+        return [
+            Level(scatter, coda, *each, holes=holes)
+            for scatter, coda, holes in grid for each in self._factors
+        ]  # fmt: skip
+
+    def _whole_grid(self, evidences):
+        """Return learned model error and log evidence of all levels from those of some, (n, 2)."""
+        return np.array([[sum(at[:3]), evidences.get(at, -np.inf)] for at in self._all])
+
+    def _whitened(self, shares) -> _Whitened:
+        """Return the whitened columns at a level of the errors of a record, kept."""
+        if shares not in self._white:
+            self._white[shares] = (
+                self._whiten(shares) if self.whole is None
+                else self._left(self.whole._whitened(shares))
+            )  # fmt: skip
+        return self._white[shares]
+
+    def _whiten(self, shares):
+        """Return the whitened columns of all records."""
+        columns = self.nuisances.columns.reshape(-1, *self.blocks.noise.shape[:3])
+        roots, log_determinant = self.blocks.roots(*shares)
+        white = applied(roots, columns)
+        flat = _flat(white)
+        return _Whitened(shares, roots, log_determinant, white, flat @ flat.T)
 
     def _left(self, each):
         """Return whitened columns without the records that are left out."""
@@ -489,43 +579,92 @@ class ErrorModel:
         known = np.where(self.out, 0.0, each.log_determinant)
         return each._replace(log_determinant=known, products=each.products - away @ away.T)
 
-    @cached_property
-    def _factored(self) -> list[list[_Factored]]:
-        """The factored columns at each level, by level of the errors of a record."""
-        groups = self.nuisances.groups
-        factors = list(product(
-            self.levels.transfer if TRANSFER in groups else (0.0,),
-            self.levels.ground if GROUND in groups else (1.0,),
-            self.levels.nuisance,
-        ))  # fmt: skip
-        parts = []
-        for white in self._whitened:
-            parts.append([])
-            for each in factors:
-                scatter, coda, holes = white.shares
-                at = Level(scatter, coda, *each, holes=holes)
-                scale = at.scale(groups)
-                inner = white.products * np.outer(scale, scale) + np.eye(len(scale))
-                root = linalg.cholesky(inner, lower=True, check_finite=False)
-                grown = 2.0 * np.sum(np.log(np.diag(root)))
-                total = float(np.sum(white.log_determinant)) + grown
-                parts[-1].append(_Factored(at, scale, root, total))
-        return parts
+    def _factored(self, shares) -> list[_Factored]:
+        """Return the factored columns at each level with one of the errors of a record, kept."""
+        if shares not in self._roots:
+            self._roots[shares] = [self._factor(shares, each) for each in self._factors]
+        return self._roots[shares]
 
-    def _eliminated(self, rows) -> Iterator[_Eliminated]:
-        """Yield the products of rows (n_rows, ...) at each level."""
-        rows = rows.reshape(len(rows), *self.blocks.noise.shape[:3])
-        for white, factored in zip(self._whitened, self._factored, strict=True):
-            own = applied(white.roots, rows)
-            if self.out is not None:
-                own[:, self.out] = 0.0
-            flat = _flat(own)
-            across, inside = _flat(white.columns) @ flat.T, flat @ flat.T
-            for at, scale, root, log_determinant in factored:
-                part = linalg.solve_triangular(
-                    root, across * scale[:, None], lower=True, check_finite=False
-                )
-                yield _Eliminated(at, log_determinant, inside - part.T @ part, root, part)
+    def _factor(self, shares, factors):
+        """Return the factored columns at a level."""
+        (scatter, coda, holes), white = shares, self._whitened(shares)
+        at = Level(scatter, coda, *factors, holes=holes)
+        scale = at.scale(self.nuisances.groups)
+        inner = white.products * np.outer(scale, scale) + np.eye(len(scale))
+        root = linalg.cholesky(inner, lower=True, check_finite=False)
+        grown = 2.0 * np.sum(np.log(np.diag(root)))
+        return _Factored(at, scale, root, float(np.sum(white.log_determinant)) + grown)
+
+    def _eliminated(self, rows: _Rows, shares) -> Iterator[_Eliminated]:
+        """Yield the products of rows at each level with one of the errors of a record."""
+        white = self._whitened(shares)
+        own = applied(white.roots, rows.values)
+        if self.out is not None:
+            own[:, self.out] = 0.0
+        flat = _flat(own)
+        across, inside = _flat(white.columns) @ flat.T, _products(rows, flat)
+        for at, scale, root, log_determinant in self._factored(shares):
+            part = linalg.solve_triangular(
+                root, across * scale[:, None], lower=True, check_finite=False
+            )
+            information, along, square = _products(rows, part.T)
+            yield _Eliminated(
+                at, log_determinant,
+                [whole - own for whole, own in zip(inside[0], information, strict=True)],
+                inside[1] - along, inside[2] - square, root, part,
+            )  # fmt: skip
+
+    def _judged(self, rows, judge: Callable, every: bool = False) -> list:
+        """Return what is judged of rows at each level of weight, in their order.
+
+        Parameters
+        ----------
+        rows : _Rows
+            Their values of any shape (n_rows, ...).
+        judge : callable
+            ``(eliminated) -> (values, result)`` with the log evidences of the level.
+        every : bool
+            Whether to judge levels without weight, too.
+        """
+        own = rows.values
+        rows = rows._replace(values=own.reshape(len(own), *self.blocks.noise.shape[:3]))
+        axes = self.levels.scatter, self.levels.coda, self.levels.holes
+        shape, values, results = tuple(map(len, axes)), {}, {}
+        waiting = list(np.ndindex(shape)) if every else [_usual_index(*shape)]
+        while waiting:
+            index = waiting.pop()
+            shares = tuple(axis[n] for axis, n in zip(axes, index, strict=True))
+            judged = [judge(part) for part in self._eliminated(rows, shares)]
+            values[index] = np.max([value for value, _ in judged], axis=0)
+            results[index] = [result for _, result in judged]
+            if not every:
+                waiting = _neighbours_of_weight(values, shape)
+        return [result for index in sorted(results) for result in results[index]]
+
+
+def _neighbours_of_weight(values, shape):
+    """Return the unknown neighbours on a grid of those with weight, that of the best last.
+
+    ``values`` are the log evidences of those that are known, by index.
+    """
+    best = np.max([*values.values()], axis=0)
+    short = {index: np.min(best - own) for index, own in values.items()}
+    near = []
+    for index in sorted(short, key=short.__getitem__, reverse=True):
+        if short[index] < DROPPED:
+            pairs = zip(index, shape, strict=True)
+            beside = product(*(range(max(at - 1, 0), min(at + 2, n)) for at, n in pairs))
+            near += [each for each in beside if each not in values][::-1]
+    return near
+
+
+def _usual_index(n_scatter, n_coda, n_holes):
+    """Return where to begin on a grid: low scatter, and the level of holes that `Learned` ends by.
+
+    >>> _usual_index(5, 1, 3)
+    (1, 0, 1)
+    """
+    return min(1, n_scatter - 1), (n_coda - 1) // 2, max(n_holes - 2, 0)
 
 
 def _flat(rows):
@@ -533,14 +672,34 @@ def _flat(rows):
     return rows.reshape(len(rows), int(np.prod(rows.shape[1:])))
 
 
+def _log_sum(values):
+    """Return the logarithm of the sum over the first axis of exponentials of finite values."""
+    most = values.max(axis=0)
+    return most + np.log(np.sum(np.exp(values - most), axis=0))
+
+
+def _products(rows, flat):
+    """Return the products of rows (n_rows, n): within changes, of shapes and residuals, of these.
+
+    As ``information``, ``along`` and ``square`` of `_Eliminated`.
+    """
+    n = sum(number * size for number, size in rows.groups)
+    shapes, data = flat[:n], flat[n:]
+    within = [own @ own.swapaxes(1, 2) for own in rows.by_group(shapes)]
+    return within, shapes @ data.T, np.einsum("nk,nk->n", data, data)
+
+
 def _log_bayes(information, scores, one_sided=False):
-    """Return the log Bayes factor (n,) of strengths with a unit normal prior, and their means."""
-    inner = np.eye(len(information)) + information
+    """Return the log Bayes factor (..., n) of strengths with a unit normal prior, and their means.
+
+    By ``information`` (..., size, size) and ``scores`` (..., size, n).
+    """
+    inner = np.eye(information.shape[-1]) + information
     mean = np.linalg.solve(inner, scores)
-    value = 0.5 * (np.sum(scores * mean, axis=0) - np.linalg.slogdet(inner)[1])
+    value = 0.5 * (np.sum(scores * mean, axis=-2) - np.linalg.slogdet(inner)[1][..., None])
     if one_sided:
-        deviation = np.sqrt(1.0 / inner[0, 0])
-        value = value + np.log(2.0) + log_ndtr(mean[0] / deviation)
+        deviation = np.sqrt(1.0 / inner[..., 0, 0])[..., None]
+        value = value + np.log(2.0) + log_ndtr(mean[..., 0, :] / deviation)
     return value, mean
 
 

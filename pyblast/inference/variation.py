@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy import fft, interpolate, linalg
+from scipy.special import logsumexp
 
 from .error_model import ErrorModel, Level, Levels
 from .nuisances import (
@@ -28,6 +29,8 @@ WIDE = 3.0  # levels: a charge that is further off, as a misfire, stays as it wa
 DRAWS = 400  # of a further blast
 ENDS = 0.05, 0.95  # of the bands of its peaks
 FINE = 9  # levels around the most probable one
+QUIET = 2e-4  # of scatter, that of sites without any: more would hide variation
+APART = 1.4  # times the learned level: those of the grid that are nearer aren't asked beside it
 SMALL = (0.0, 0.01, 0.02, 0.04, 0.07, 0.1)  # levels where none is the most probable
 
 
@@ -56,10 +59,21 @@ class Filters:
     ----------
     own : (n_charges, 5) float64
     paths : (n_charges, n_receivers, 5) float64
+    open : (5,) float64, or zero
+        Variance of the sum of both that the records leave open: what varies sends more in the mean.
     """
 
     own: np.ndarray
     paths: np.ndarray
+    open: np.ndarray | float = 0.0
+
+    def log_factor(self, charge: int, kernels: np.ndarray) -> np.ndarray:
+        """Return the log of the mean factor on what a charge sends, (n_receivers, n_frequencies).
+
+        Of the kernels (5, n_frequencies) of `log_filters`; theory.md (12.9).
+        """
+        known = (self.own[charge] + self.paths[charge]) @ kernels
+        return known + 0.5 * np.broadcast_to(self.open, len(kernels)) @ kernels**2
 
 
 class Span(NamedTuple):
@@ -168,7 +182,7 @@ def filtered_motion(
         kernels, varied[b] = log_filters(band.of_blast(b), n, size), np.empty_like(own.motion)
         for h, motion in enumerate(own.motion):
             spectrum = fft.rfft(motion, size)
-            factor = np.exp((filters[b].own[h] + filters[b].paths[h]) @ kernels)[:, None]
+            factor = np.exp(filters[b].log_factor(h, kernels))[:, None]
             total = total + spectrum * (factor - 1.0) * np.exp(turns * own.times[h])
             varied[b][h] = fft.irfft(spectrum * factor, size)[..., :n]
         changed = np.zeros((n_blasts, *own.motion.shape[1:])) + changed
@@ -228,7 +242,7 @@ def _changes(charges, band, filters):
     size, turns = _transform(charges, band)
     kernels = log_filters(band, n, size)
     for h, motion in enumerate(charges.motion):
-        factor = np.exp((filters.own[h] + filters.paths[h]) @ kernels + turns * charges.times[h])
+        factor = np.exp(filters.log_factor(h, kernels) + turns * charges.times[h])
         spectrum = fft.rfft(motion, size) * factor[:, None]
         part = fft.irfft(spectrum * kernels[:, None, None], size)[..., :n]
         out.append(band.project(part[:, None])[:, 0])
@@ -269,7 +283,7 @@ class Learned(NamedTuple):
         With these filters.
     level : Varied
     levels : tuple of float
-        Up to one above the most probable: an effect leaves less to explain, not more.
+        The learned one, those below, and one above: an effect leaves less to explain, not more.
     """
 
     filters: dict[int, Filters]
@@ -310,21 +324,30 @@ def learned_variation(
         own = variation(charges, band, residual.shape, filters)
         with_filters = filtered_motion(charges, band, len(residual), filters)
         whole = with_variation(build(with_filters), own, levels)
+        quiet = whole.levels._replace(scatter=(QUIET, *whole.levels.scatter))
+        whole = replace(whole, levels=quiet)
         return own, with_filters, whole, residual - band.project(with_filters.change)
 
-    filters, at = no_filters(charges), None
-    for _ in range(ROUNDS):
-        own, _, whole, rest = at_filters()
-        whole = _near(whole, at)
-        at, *known = whole.most_probable(rest)
-        if at.holes == 0.0:
+    filters, at, level = no_filters(charges), None, Varied(0.0, 0.0, 0.0)
+    for last in (*ROUNDS * (False,), True):
+        own, with_filters, whole, rest = at_filters()
+        at, *known = _near(whole, at).most_probable(rest)
+        level = _interval(whole, at, rest, _near(whole, at).levels.scatter if last else ())
+        if at.holes == 0.0 or last:
             break
-        filters = filters_of(own, charges, whole, at, *known)
-    own, with_filters, whole, rest = at_filters()
-    at, *_ = _near(whole, at).most_probable(rest)
-    above = [level for level in levels if level > at.holes][:1]
-    remaining = (*(level for level in levels if level <= at.holes), *above)
-    return Learned(filters, own, with_filters, _interval(whole, at, rest), remaining)
+        whole = replace(whole, levels=Levels(*((x,) for x in at._replace(holes=level.value))))
+        at_level, *known = whole.most_probable(rest)
+        filters = filters_of(own, charges, whole, at_level, *known)
+    return Learned(filters, own, with_filters, level, _asked(levels, at, level))
+
+
+def _asked(levels, at, learned):
+    """Return the levels that are asked beside effects."""
+    if at.holes == 0.0:
+        return levels[:2]
+    below = [level for level in levels if level * APART < learned.value]
+    above = [level for level in levels if level > learned.value * APART][:1]
+    return (*below, learned.value, *above)
 
 
 def _near(error: ErrorModel, at: Level | None) -> ErrorModel:
@@ -363,16 +386,22 @@ def filters_of(
         free = free.reshape(len(free), -1, 5)
         of_paths = np.einsum("hg,rgk->hrk", _coherence(each.places), free)
         alike = np.abs(of_charges[:, :1]) < WIDE * at.holes
-        filters[b] = Filters(alike * of_charges, alike[..., None] * of_paths)
+        known = np.mean(of_charges**2, axis=0) + np.mean(of_paths**2, axis=(0, 1))
+        beyond = np.maximum(2.0 * at.holes**2 - known, 0.0)
+        filters[b] = Filters(alike * of_charges, alike[..., None] * of_paths, beyond)
     return filters
 
 
-def _interval(whole: ErrorModel, at: Level, residual) -> Varied:
-    """Return median and 90 % interval of the level, all others at their most probable values."""
+def _interval(whole: ErrorModel, at: Level, residual, scatter: tuple[float, ...] = ()) -> Varied:
+    """Return median and 90 % interval of the level, averaged over some levels of scatter.
+
+    All others, and scatter where none is given, are at their most probable values.
+    """
     fine = at.holes * np.geomspace(0.5, 2.0, FINE) if at.holes else np.array(SMALL)
-    levels = Levels(*((value,) for value in at))._replace(holes=tuple(fine.tolist()))
-    by_level = replace(whole, levels=levels).scores(residual[None]).by_level
-    evidence = np.array([float(each.evidence[0]) for each in by_level])
+    levels = Levels(*((x,) for x in at))._replace(holes=tuple(fine.tolist()))
+    levels = levels._replace(scatter=scatter or levels.scatter)
+    known = replace(whole, levels=levels).log_evidences(residual)
+    evidence = [logsumexp([value for each, value in known if each.holes == x]) for x in fine]
     value = np.linspace(fine[0], fine[-1], 2001)
     smooth = interpolate.PchipInterpolator(fine, evidence)(value)
     weight = np.cumsum(np.exp(smooth - smooth.max()))
@@ -404,6 +433,9 @@ def charges_of(motion: np.ndarray, fired: Firings, places: np.ndarray, dt: float
     return Charges(own, fired.times, places)
 
 
+DrawnFactor = Callable[[np.random.Generator, np.ndarray], np.ndarray]
+
+
 class Scatter(NamedTuple):
     """Scatter of a further blast around its plan.
 
@@ -425,12 +457,33 @@ class Scatter(NamedTuple):
     transfer: float = 0.0
 
 
+def peaks_with_and_without(
+    charges: Charges, band: Band | Span, scatter: Scatter, learned: DrawnFactor | None = None
+) -> np.ndarray:
+    """Draw the peaks of a further blast whose holes vary, and as if they were alike.
+
+    Parameters
+    ----------
+    charges, band, scatter, learned
+        As of `peaks_of_drawn_blasts`.
+
+    Returns
+    -------
+    (2, n_draws, n_receivers, 3) float64, m/s
+    """
+    both = scatter, scatter._replace(holes=0.0)
+    return np.array([
+        peaks_of_drawn_blasts(charges, band, each, learned=learned) for each in both
+    ])  # fmt: skip
+
+
 def peaks_of_drawn_blasts(
     charges: Charges,
     band: Band | Span,
     scatter: Scatter,
     n_draws: int = DRAWS,
     seed: int = 1,
+    learned: DrawnFactor | None = None,
 ) -> np.ndarray:
     """Draw the peaks of a further blast, whose holes vary around what was planned.
 
@@ -441,6 +494,9 @@ def peaks_of_drawn_blasts(
         In which filters vary; beyond, they are those of its ends.
     scatter : Scatter
     n_draws, seed : int, optional
+    learned : callable, optional
+        ``(rng, omega) -> (n_charges, n_receivers or 1, n_omega)``: draws the factor by which the
+        spectra of charges differ from the motion given, omega in rad/s.
 
     Returns
     -------
@@ -458,14 +514,15 @@ def peaks_of_drawn_blasts(
     waves = np.cos(np.pi * np.multiply.outer(np.arange(N_TRANSFER), octave(n, size, band)))
     waves[1:] *= np.sqrt(2.0)
     waves = np.concatenate([waves, 1j * waves]) / np.sqrt(2.0 * N_TRANSFER)
-    sent_by_each = fft.rfft(motion, size)
+    sent_by_each, omega = fft.rfft(motion, size), -turns.imag
     peaks = np.empty((n_draws, n_receivers, 3))
     for peak in peaks:
         own = rng.standard_normal((n_charges, 1, 5))
         paths = np.tensordot(root, rng.standard_normal((n_charges, n_receivers, 5)), 1)
         late = charges.times + scatter.firing * rng.standard_normal(n_charges)
         log = scatter.holes * ((own + paths) @ kernels) + (turns * late[:, None])[:, None]
-        total = np.einsum("hrcf,hrf->rcf", sent_by_each, np.exp(log))
+        factor = np.exp(log) if learned is None else np.exp(log) * learned(rng, omega)
+        total = np.einsum("hrcf,hrf->rcf", sent_by_each, factor)
         error = rng.standard_normal((n_receivers, 3, len(waves))) @ waves
         total *= np.exp(np.sqrt(scatter.transfer) * error + scatter.amplitude * rng.normal())
         peak[:] = np.abs(fft.irfft(total, size)[..., :n]).max(axis=-1)

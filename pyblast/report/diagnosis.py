@@ -101,6 +101,7 @@ def render_diagnosis(diagnosis: Diagnosed, summary: dict) -> str:
         return page("diagnosis.html").render(
             meanings=MEANINGS,
             place=place_in_words,
+            points=_points(summary),
             failures=not_computed(failures),
             **lists,
             **parts,
@@ -453,8 +454,27 @@ def _unit(unit, largest):
 
 
 def detection_limit_rows(summary: dict) -> list[str]:
-    """Return the detection limit of each effect as a sentence."""
-    return [_limit_sentence(limit) for limit in summary["detection_limits"]]
+    """Return the detection limits of each effect as sentences.
+
+    Forms of an effect that would not have been detected are named beside one that would.
+    """
+    limits, rows, stated = summary["detection_limits"], [], set()
+    seen = {limit["label"] for limit in limits if limit["value"] is not None}
+    for limit in limits:
+        label, known = limit["label"], limit["value"] is not None
+        if not known and label in seen:
+            continue
+        sentence = _limit_sentence(limit)
+        missed = [
+            f"as {each['form']}" if each["form"] != limit["form"] else f"by {each['parameter']}"
+            for each in limits if each["label"] == label and each["value"] is None
+        ]  # fmt: skip
+        if known and missed and label not in stated:
+            ways = _joined(list(dict.fromkeys(missed)), "or")
+            sentence = f"{sentence[:-1]}, {ways} at no strength that was simulated."
+        stated.add(label)
+        rows.append(sentence)
+    return rows
 
 
 def _limit_sentence(limit):
@@ -536,6 +556,7 @@ def assumptions(diagnosis: Diagnosed, summary: dict) -> list[str]:
     if summary["data_quality"]["receivers_without_records"]:
         names = joined_by_and(summary["data_quality"]["receivers_without_records"])
         sentences.append(f"Receivers without records are not used: {names}.")
+    sentences += summary["implausible_peaks"]
     if not summary["finished"]:
         sentences.append("The budget ended before the search was complete.")
     return sentences

@@ -60,6 +60,7 @@ def summarise_survey(design) -> dict:
             for name, slip in design.slip.items()
             for line in slip_lines(name, _slip_table(slip))
         ],
+        "holes": list(design.holes),
     }
 
 

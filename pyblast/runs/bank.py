@@ -19,6 +19,7 @@ from .parallel import at_rest
 DECAY = np.log(300.0)  # of the damped transform over its period
 LONGER = 1.5  # period over duration
 TAPER = 1.2, 1.6  # times the highest frequency of interest, between which spectra end
+SAMPLES = 8  # a period of the end of spectra; what a mesh carries beyond is folded back
 TOGETHER = 48  # samples that are transformed at once
 MOST_BYTES = 2e9  # of the fields of a bank and of the products of these in parts of zones
 
@@ -272,7 +273,7 @@ def _of_force(model, duration, transform, nodes, number):
 def _observed(model, prepared, transform, nodes, displacement):
     """Run a prepared model and return the transform of the field at nodes."""
     dt, duration = prepared.constants["dt"], transform.duration
-    every = peak_interval(dt, TAPER[1] * transform.highest, prepared)
+    every = peak_interval(dt, TAPER[1] * transform.highest, prepared, SAMPLES)
     observer = FieldObserver(transform, nodes, displacement, dt, every)
     simulate(model, duration, prepared=prepared, observer=observer)
     return observer.spectra()

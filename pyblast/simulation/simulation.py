@@ -11,7 +11,7 @@ import numpy as np
 
 from ..model.model import Model
 from ..runs.greens import PointSource, greens_functions
-from ..runs.parallel import CachedRun, is_single, run_all
+from ..runs.parallel import CachedRun, find_run, is_single, run_all
 from ..signals.seismogram import Seismogram
 from ..solver.assembly import Step
 from ..solver.run import run_many, simulate
@@ -135,6 +135,12 @@ class Simulation:
         model = own.model
         injected = model.injected if self.injected else False
         return replace(model, single=is_single(model), injected=injected)
+
+    def price(self, own: State) -> float:
+        """Return the price in s of a run of a state of one shot; a stored one has its time step."""
+        model = self.model(own)
+        stored = find_run(model, self.duration, self.folder)
+        return cost_of(model, self.duration, None if stored is None else stored.dt).seconds
 
     def run(self, models: Sequence[Model]) -> list[CachedRun]:
         """Run models, or read their stored runs, and count them."""

@@ -248,13 +248,15 @@ def export(prepared: Prepared, path: str | Path) -> None:
     write_model(path, constants, prepared.state, steps, prepared.fingerprint, added)
 
 
-def peak_interval(dt: float, frequency: float, prepared: Prepared) -> int:
-    """Return the steps between samples of peak velocity: at least 20 a period of a frequency in Hz.
+def peak_interval(
+    dt: float, frequency: float, prepared: Prepared, samples: int = PEAK_SAMPLES
+) -> int:
+    """Return the steps between samples of a field: at least so many a period of a frequency in Hz.
 
     It divides the rounds of the energy balance or holds whole rounds. Where zones may yield it
     holds whole rounds always, since their check is made at the start of each chunk.
     """
-    most = max(1, int(1.0 / (PEAK_SAMPLES * frequency * dt)))
+    most = max(1, int(1.0 / (samples * frequency * dt)))
     constants = prepared.constants
     if most >= LEDGER_EVERY or (not constants["hex_order"] and can_yield(constants).any()):
         return max(1, most // LEDGER_EVERY) * LEDGER_EVERY

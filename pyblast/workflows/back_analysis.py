@@ -27,11 +27,13 @@ from ..back_analysis.waveforms import (
     fit_moment_rate,
     spline,
 )
+from ..blasts.hole_effects import Pattern, what_would_tell
 from ..config.config import BackAnalysisConfig
 from ..errors import Finding, InputError, PyblastError
 from ..files import versions, write_summary, write_text
 from ..inference.misfits import MISFITS
 from ..inference.parameter import Trace
+from ..inference.variation import FEWEST
 from ..model.source import TimeFunction
 from ..project.checks import check
 from ..project.level import CODE as LEVEL
@@ -298,6 +300,9 @@ def design_survey(
     if not isinstance(project, Project):
         project = load_project(project, full)
     plan, table = survey_design_of(project, progress), project.config.back_analysis
+    if project.blast is not None and len(project.blast.times) >= FEWEST:
+        receivers = np.array([receiver.position for receiver in project.receivers])
+        plan = replace(plan, holes=tuple(what_would_tell([Pattern(project.blast, receivers)])))
     folder = new_folder(project.folder / "survey" if out is None else Path(out))
     parts = [[row.name, row.low, row.high, row.log] for row in plan.parameters]
     files = {"project": project.input_files, "parameters": parts}

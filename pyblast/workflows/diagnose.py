@@ -35,7 +35,7 @@ from ..signals.seismogram import Seismogram
 from ..simulation.recipe import BETTER
 from ..simulation.simulation import Simulation
 from . import Interrupted, Progress, Say, numbered_folders, result_folder, silent
-from .prediction import Prediction, at_further, bands_of_peaks, predict, predicted_charges
+from .prediction import Prediction, at_further, bands_of_peaks, predict, predicted_holes
 
 RESULT = "diagnosis.json"
 REPORT = "report.html"
@@ -277,7 +277,7 @@ def diagnose_file(
     finished = _finished(output, provenance, minutes, seed, correct)
     if finished is not None:
         return finished
-    _say_level(project, say)
+    implausible = _say_level(project, say)
     try:
         output.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -292,7 +292,8 @@ def diagnose_file(
         progress=progress,
         known=known,
     )
-    summary = {"case": project.title, **diagnosis.summary, "provenance": provenance}
+    own = {"implausible_peaks": implausible, "provenance": provenance}
+    summary = {"case": project.title, **diagnosis.summary, **own}
     write_summary(output / RESULT, summary)
     write_diagnosis_report(output / REPORT, diagnosis, summary)
     return plain(summary)
@@ -365,9 +366,10 @@ def predict_file(file, output, summary, holes, path, baseline=False, runs=None):
     varied = summary.get("holes_vary")
     level = case.project.config.priors.holes_percent if varied is None else varied["value"]
     source = "priors.holes_percent" if varied is None else "as the records show"
-    charges = predicted_charges(case, blast, values, effects, runs or Path(output) / RUNS)
+    spread = () if baseline else model.get("rows_covariance", ())
+    own = predicted_holes(case, blast, values, effects, spread, runs or Path(output) / RUNS)
     share = model.get("error_share", 0.0)
-    bands = {} if charges is None else bands_of_peaks(case, motion, charges, 1e-2 * level, share)
+    bands = {} if own is None else bands_of_peaks(case, motion, own, 1e-2 * level, share)
     return Prediction(case.project.shot.low_pass, level, source, bands)
 
 
@@ -453,12 +455,16 @@ def _channels(case: Case):
     ]
 
 
-def _say_level(project: Project, say: Say) -> None:
-    """Say of which blasts the recorded peaks, or those that are expected, are implausible."""
-    for shot in project.shots:
-        each = project.of(shot.name)
-        for finding in level_findings(each, expected_peaks(each)):
-            say(f"{finding.code}: {each.name}: {finding.title}. {finding.text}")
+def _say_level(project: Project, say: Say) -> list[str]:
+    """Say and return of which blasts recorded peaks, or those expected, are implausible."""
+    blasts = [project.of(shot.name) for shot in project.shots]
+    sentences = [
+        f"{finding.code}: {each.name}: {finding.title}. {finding.text}"
+        for each in blasts for finding in level_findings(each, expected_peaks(each))
+    ]  # fmt: skip
+    for sentence in sentences:
+        say(sentence)
+    return sentences
 
 
 def diagnose_case(

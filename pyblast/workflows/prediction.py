@@ -14,14 +14,21 @@ from ..diagnosis.effects import (
     Effect,
     PredictionScene,
     Scene,
-    acting_on,
     changed_site,
+    of_all_holes,
     with_motion_effects,
 )
 from ..diagnosis.forward import hole_motion, simulation_of
 from ..diagnosis.hypotheses import pattern_of
 from ..errors import InputError
-from ..inference.variation import DRAWS, ENDS, Charges, Scatter, peaks_of_drawn_blasts
+from ..inference.variation import (
+    ENDS,
+    Charges,
+    DrawnFactor,
+    Scatter,
+    peaks_of_drawn_blasts,
+    peaks_with_and_without,
+)
 from ..project.places import NEAR, resolved_receivers
 from ..project.project import Project
 
@@ -113,29 +120,75 @@ def predict(
     return with_motion_effects(received, motion, effects)[0]
 
 
-def predicted_charges(
-    case: Case, blast: Blast, values, effects: Sequence[Effect] = (), folder=None
-) -> Charges | None:
+class FurtherHoles(NamedTuple):
+    """Holes of a further blast.
+
+    Parameters
+    ----------
+    charges : Charges
+        With the effects on holes of the site.
+    learned : callable or None
+        Draws those effects; see `peaks_of_drawn_blasts`.
+    """
+
+    charges: Charges
+    learned: DrawnFactor | None = None
+
+
+def predicted_holes(
+    case: Case, blast: Blast, values, effects: Sequence[Effect] = (), covariance=(), folder=None
+) -> FurtherHoles | None:
     """Predict the motion of each hole of a further blast on the mesh of the diagnosis.
 
     Parameters
     ----------
     case, blast, values, effects, folder
         As of `predict`.
+    covariance : (n, n) array_like
+        Posterior covariance of the standardised parameters of effects on holes of the site; they
+        are taken for certain without.
 
     Returns
     -------
-    Charges or None
-        With the effects on holes of the site; None where holes do not superpose.
+    FurtherHoles or None
+        None where holes do not superpose.
     """
     simulation, further, project = _further(case, blast, values, effects, folder)
     own = hole_motion(simulation, further, project).get(FURTHER)
     if own is None:
         return None
-    changes = _changes_of_rows(case, blast, effects)
+    changes, learned = _changes_of_rows(case, blast, effects), None
     if changes is not None:
-        own = _scene_of_holes(simulation, further, project).changed_holes(own, changes)
-    return Charges(own, blast.times - blast.times.min(), blast.centres)
+        scene = _scene_of_holes(simulation, further, project)
+        own = scene.changed_holes(own, changes)
+        if len(covariance):
+            learned = drawn_rows(scene, pattern_of(case, blast), of_all_holes(effects), covariance)
+    return FurtherHoles(Charges(own, blast.times - blast.times.min(), blast.centres), learned)
+
+
+def drawn_rows(scene, pattern, rows, covariance):
+    """Return the function that draws rows, as the factor on what they send as fitted."""
+    parameters = [p for row in rows for p in row.hypothesis.parameters]
+    known = np.array([value for row in rows for (value,) in row.values])
+    middle = np.array([p.standardised(x) for p, x in zip(parameters, known, strict=True)])
+    root = np.linalg.cholesky(np.asarray(covariance) + 1e-12 * np.eye(len(middle)))
+
+    def change(values):
+        each = iter(values)
+        own = ((row, {p.name: next(each) for p in row.hypothesis.parameters}) for row in rows)
+        return together([row.hypothesis.apply(pattern, "", **named) for row, named in own])
+
+    fitted = change(known)
+
+    def drawn(rng, omega):
+        values = (
+            np.clip(p.value(x), p.low, p.high) for p, x in zip(
+                parameters, middle + root @ rng.standard_normal(len(middle)), strict=True
+            )
+        )  # fmt: skip
+        return scene.factor(change(values).over(fitted), omega)
+
+    return drawn
 
 
 def _further(case, blast, values, effects, folder, finer=False):
@@ -161,9 +214,9 @@ def _scene_of_holes(simulation, further, project):
 
 def _changes_of_rows(case, blast, effects):
     """Return what effects on the holes of the site change of a further blast; None without."""
-    rows = [effect for effect in acting_on(effects, "holes") if not effect.target]
     pattern = pattern_of(case, blast)
-    each = [e.hypothesis.apply(pattern, e.target, **e.parameters) for e in rows]
+    rows = of_all_holes(effects)
+    each = [row.hypothesis.apply(pattern, row.target, **row.parameters) for row in rows]
     return together(each) if each else None
 
 
@@ -193,18 +246,14 @@ def with_blast(project: Project, name: str, blast: Blast) -> Project:
     return replace(project, survey=survey)
 
 
-def bands_of_peaks(case, motion, charges, level, share):
+def bands_of_peaks(case: Case, motion, holes: FurtherHoles, level: float, share: float):
     """Return the largest peak of a component at each receiver, with its 90 % bands."""
     priors, peaks = case.project.config.priors, np.abs(motion).max(axis=(1, 2))
-    rest = 1e-3 * priors.firing_ms, 1e-2 * priors.amplitude_percent, share
-    planned, with_holes, without = (
-        peaks_of_drawn_blasts(charges, case.band, scatter, n_draws).max(axis=-1)
-        for scatter, n_draws in (
-            (Scatter(0.0, 0.0), 1), (Scatter(level, *rest), DRAWS), (Scatter(0.0, *rest), DRAWS)
-        )
-    )  # fmt: skip
-    ends = [peaks / planned[0] * np.quantile(each, ENDS, axis=0) for each in (with_holes, without)]
+    scatter = Scatter(level, 1e-3 * priors.firing_ms, 1e-2 * priors.amplitude_percent, share)
+    (planned,) = peaks_of_drawn_blasts(holes.charges, case.band, Scatter(0.0, 0.0), 1).max(axis=-1)
+    drawn = peaks_with_and_without(holes.charges, case.band, scatter, holes.learned).max(axis=-1)
+    low, high = peaks / planned * np.quantile(drawn, ENDS, axis=1)
     return {
-        name: PeakBand(float(peak), *own.tolist())
-        for name, peak, own in zip(case.receivers, peaks, np.concatenate(ends).T, strict=True)
+        name: PeakBand(*map(float, each))
+        for name, *each in zip(case.receivers, peaks, low[0], high[0], low[1], high[1], strict=True)
     }

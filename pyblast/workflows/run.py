@@ -11,7 +11,7 @@ import numpy as np
 from ..blasts.compliance import compliance_csv
 from ..errors import Finding, InputError, ReadError
 from ..files import plain, write_summary, write_text
-from ..inference.variation import COHERENT, ENDS, Charges, Scatter, Span, peaks_of_drawn_blasts
+from ..inference.variation import COHERENT, ENDS, Charges, Scatter, Span, peaks_with_and_without
 from ..model.model import Model
 from ..project.checks import Check, check
 from ..project.checks_ground import ModelSummary, summarise_model
@@ -139,12 +139,9 @@ def superposed_bands(project: Project) -> SuperposedBands:
         firing.scales[:, None, None, None] * motion, firing.times - firing.times.min(),
         places,
     )  # fmt: skip
-    bands = []
-    for level in (1e-2 * priors.holes_percent, 0.0):
-        scatter = Scatter(level, 1e-3 * priors.firing_ms)
-        drawn = peaks_of_drawn_blasts(charges, Span(low, high, hole.dt), scatter)
-        bands.append(np.quantile(drawn[:, 0], ENDS, axis=0))
-    return SuperposedBands(*bands)
+    scatter = Scatter(1e-2 * priors.holes_percent, 1e-3 * priors.firing_ms)
+    drawn = peaks_with_and_without(charges, Span(low, high, hole.dt), scatter)
+    return SuperposedBands(*np.quantile(drawn[:, :, 0], ENDS, axis=1).swapaxes(0, 1))
 
 
 def run(

@@ -11,7 +11,12 @@ from small_site import recorded, scene_of, small_site
 
 import pyblast.diagnosis.library  # noqa: F401  fills the library
 from pyblast.diagnosis import decision
-from pyblast.diagnosis.cross_validation import CrossValidation, cross_validate
+from pyblast.diagnosis.cross_validation import (
+    HARDLY,
+    UNCONSTRAINED,
+    CrossValidation,
+    cross_validate,
+)
 from pyblast.diagnosis.decision import (
     RESOLUTION,
     _stands_out,
@@ -51,6 +56,7 @@ def test_records_without_which_nothing_is_told_of_an_effect_are_no_fold():
     found = cross_validate(here, loud, replace(both, state=state))
 
     assert not found.subsets
+    assert found.not_held_out == {"S1": HARDLY, "B1": UNCONSTRAINED}
 
 
 def test_records_of_which_an_effect_says_nothing_are_no_fold():
@@ -61,6 +67,7 @@ def test_records_of_which_an_effect_says_nothing_are_no_fold():
     found = cross_validate(here, slow, replace(both, state=state))
 
     assert [fold.name for fold in found.subsets] == ["R0", "R1", "R2"]
+    assert found.not_held_out == {"R3": HARDLY}
 
 
 def test_the_worst_of_receivers_that_are_all_explained_poorly_does_not_stand_out():

@@ -7,6 +7,7 @@ from small_site import BAND, holes, recorded, small_site
 
 from pyblast.diagnosis.effects import Effect, changed_site
 from pyblast.diagnosis.forward import _at_points, probe_positions_inside, simulation_of
+from pyblast.simulation import estimate
 
 
 def test_a_run_counts_as_kept_once_and_only_if_it_was_there_before(tmp_path):
@@ -20,6 +21,19 @@ def test_a_run_counts_as_kept_once_and_only_if_it_was_there_before(tmp_path):
 
     assert (made.runs, made.cached, made.cached_s) == (2, 0, 0.0)
     assert (after.runs, after.cached, after.cached_s) == (3, 1, whole)
+
+
+def test_a_stored_run_has_the_price_that_it_had_before_and_needs_no_time_step(
+    tmp_path, monkeypatch
+):
+    case = recorded(small_site())
+    made, after = (simulation_of(case, tmp_path) for _ in range(2))
+    state = made.of(case.project, "S1")
+    before = made.price(state)
+    made.motion(case.project, ("S1",))
+    monkeypatch.setattr(estimate, "time_step", None)
+
+    assert after.price(state) == before
 
 
 def test_probe_receivers_are_as_deep_below_a_slope_as_their_receiver():

@@ -1,13 +1,16 @@
 """Effects on holes are factors on the motion of each, by drawn cases the same as written out."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from library_scene import scene
 from scipy import fft
 
-from pyblast.blasts.hole_effects import ROWS, Pattern
+from pyblast.blasts.hole_effects import HARDLY, ROWS, Pattern, what_would_tell
 from pyblast.diagnosis.effects import Effect
 from pyblast.diagnosis.hypotheses import LIBRARY, patterns_of
+from verification import holes
 
 OLD = {
     "delay_scatter": lambda _, x: (x, np.ones(3)),
@@ -75,3 +78,24 @@ def test_patterns_of_a_case_know_its_receivers():
 
     assert all(isinstance(each, Pattern) for each in patterns)
     assert [each.receivers.shape for each in patterns] == [(4, 3), (4, 3)]
+
+
+def test_what_a_survey_cannot_tell_is_what_its_covariates_do_not_show():
+    rng = np.random.default_rng(2)
+    fired = [replace(blast, stemming=np.full(30, np.nan)) for blast in holes.blasts(rng)[:3]]
+    told = what_would_tell([Pattern(blast, holes.PLACES) for blast in fired])
+
+    hardly = {line.partition(":")[0] for line in told if HARDLY in line}
+    assert hardly == {"stemming", "second_deck"}
+
+    behind = np.array([[0.0, 90.0, 0.0]])  # no wave to it crosses broken ground
+    alike = [replace(blast, charge=np.full(30, 70.0)) for blast in fired]
+    told = what_would_tell([Pattern(blast, behind) for blast in alike])
+    (charges,) = (line for line in told if line.startswith("charge_exponent, pulse_length: "))
+    (across,) = (line for line in told if line.startswith("screening, screening/loss, "))
+    assert "35 to 130 kg" in charges
+    assert "a receiver across the pit" in across
+
+    by_row = [replace(blast, charge=40.0 * np.exp(0.4 * blast.row)) for blast in fired]
+    told = what_would_tell([Pattern(blast, holes.PLACES) for blast in by_row])
+    assert any(line.startswith("charge_exponent and row_number are hardly separable") for line in told)

@@ -16,6 +16,7 @@ from pyblast.diagnosis.hypotheses import LIBRARY, OF_BLAST
 from pyblast.diagnosis.thresholds import DECISIVE
 from pyblast.inference.error_model import NORMAL_95
 from pyblast.inference.variation import ENDS, Charges, Scatter, peaks_of_drawn_blasts
+from pyblast.workflows.prediction import drawn_rows
 from verification import holes
 
 HOLES, FIFTH, DRAWS, FEW, LEVEL = 8, 4, 40, 8, 0.2
@@ -88,6 +89,20 @@ def test_strengths_are_found_without_bias_and_lie_in_their_intervals(name, draws
     assert np.sum(held) >= binom.ppf(0.02, draws, 0.9)
 
 
+@pytest.mark.long
+@pytest.mark.parametrize("level", [0.1, 0.2, 0.3])
+def test_a_common_scale_of_holes_that_vary_is_read_without_bias(level):
+    name, off, held = "misfire_or_charge_error/blast", [], []
+    (own,) = LIBRARY[name].parameters
+    for seed in range(DRAWS):
+        found = fitted(name, survey(seed, level))
+        off.append(own.sigma * found.state.x[0])
+        held.append(abs(found.state.x[0]) < NORMAL_95 * found.posterior.deviation[0])
+
+    assert abs(np.mean(off)) < 2.0 * np.std(off) / np.sqrt(DRAWS)
+    assert np.sum(held) >= binom.ppf(0.02, DRAWS, 0.9)
+
+
 def test_a_hole_that_sends_nothing_is_read_as_little_from_where_its_filter_had_taken_a_part():
     for seed in range(FEW):
         scene, _ = drawn(MISFIRE, seed)
@@ -124,3 +139,24 @@ def test_peaks_of_further_blasts_lie_in_the_band_of_holes_that_vary():
 
     assert 0.85 <= shares[0] <= 0.95
     assert shares[1] < 0.7
+
+
+def test_learned_rows_are_drawn_with_their_covariance():
+    scene, at = survey(1), np.array([0.1, -0.2])
+    (own,) = scene.case.project.blasts.values()
+    pattern = Pattern(own, PLACES, float(np.exp(np.mean(np.log(own.charge)))))
+    names, omega = ("charge_exponent", "row_number"), np.array([60.0, 200.0])
+    rows = [Effect(name, "", ((x,),)) for name, x in zip(names, at, strict=True)]
+    sigma = [LIBRARY[name].parameters[0].sigma for name in names]
+    covariance, rng = np.array([[0.09, -0.05], [-0.05, 0.04]]), np.random.default_rng(2)
+    draw = drawn_rows(scene, pattern, rows, covariance)
+    columns = [next(r for r in ROWS if r.name == name).covariate(pattern) for name in names]
+    strengths = np.array([
+        np.linalg.lstsq(np.hstack(columns), np.log(np.abs(draw(rng, omega)[:, 0, 0])))[0]
+        for _ in range(4000)
+    ])  # fmt: skip
+
+    np.testing.assert_allclose(
+        np.cov((strengths / sigma).T), covariance, atol=4.0 * 0.09 / np.sqrt(4000)
+    )
+    assert np.all(np.abs(strengths.mean(axis=0)) < 4.0 * strengths.std(axis=0) / np.sqrt(4000))

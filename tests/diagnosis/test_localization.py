@@ -10,6 +10,7 @@ from small_site import recorded, scene_of, small_site
 from pyblast.diagnosis import summary as module
 from pyblast.diagnosis.error import with_calibrated
 from pyblast.diagnosis.forward import quarter_wave
+from pyblast.diagnosis.summary import PROPERTIES, _in_pattern, _nature
 from pyblast.inference.location import Located, Places, located, unrestricted
 from pyblast.model.ground_fields import DamagedZone
 
@@ -76,6 +77,24 @@ def test_noise_scores_nowhere_and_unrestricted_sources_pay_for_their_freedom():
     for each in noise:
         assert located(error(), bodies(), each, 0.3).score < 10.0
         assert unrestricted(error(), [(scene().secondary_places[0], 1.0)], each) < 10.0
+
+
+def test_a_place_among_holes_is_in_their_pattern_and_one_beside_them_is_not():
+    case = scene().case
+    holes = np.concatenate([case.project.blasts[name].centres for name in case.blasts])
+    far = holes.max(axis=0) + 1e3
+
+    assert all(_in_pattern(case, hole) for hole in case.project.blasts["B1"].centres)
+    assert _in_pattern(case, case.project.blasts["B1"].centres.mean(axis=0) - [0.0, 0.0, 20.0])
+    assert not _in_pattern(case, far)
+
+
+@pytest.mark.parametrize(
+    ("change", "nature"), [((-0.1, -0.2, 0.0), "soft"), ((0.1, 0.2, -0.1), "stiff"),
+                           ((0.1, -0.2, 0.0), None), ((-0.1, -0.1, 0.4), "stiff")],
+)  # fmt: skip
+def test_ground_is_soft_or_stiff_where_both_moduli_agree(change, nature):
+    assert _nature(dict(zip(PROPERTIES, change, strict=True))) == nature
 
 
 def few():

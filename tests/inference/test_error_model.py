@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from residual_case import residual_case
-from scipy import linalg, stats
+from scipy import linalg, special, stats
 from scipy.integrate import quad
 
 from pyblast.back_analysis.fit import ALL_LEVELS
@@ -23,6 +23,7 @@ from pyblast.inference.records import Noise, Records
 
 AT = Level(1e-3, 1e-5)
 SHARED = Level(1e-3, transfer=4e-3)  # with a transfer error that blasts share
+FINE = Levels(tuple(10.0 ** np.arange(-5.0, 5.0)), transfer=(2e-3, 0.05), nuisance=(1.0, 2.0))
 PRIORS = {"trigger": 1e-4, "clock": 1e-4, "receiver": 0.3}
 
 
@@ -200,6 +201,36 @@ def test_a_strength_that_must_be_positive_has_twice_its_prior_there(shared):
     )[0]  # fmt: skip
     assert scores.log_bayes[0, 0] == pytest.approx(np.log(2.0 * ratio / np.sqrt(2.0 * np.pi)))
     assert scores.log_bayes[0, 0] < 0.0
+
+
+@pytest.mark.parametrize("size", [0.0, 0.003, 0.03, 0.3, 3.0])
+def test_levels_that_are_not_looked_at_have_no_weight(shared, size):
+    error, motion, band = shared
+    learned = ErrorModel(error.blocks, error.nuisances, FINE)
+    changes = changes_of(motion, band)
+    drawn = error.draws(np.random.default_rng(3), 3, SHARED)
+    residuals = drawn + size * band.project(np.roll(motion, 5, axis=-1))
+
+    some, every = (learned.scores(residuals, changes, whole) for whole in (False, True))
+    posterior = learned.posterior(residuals[0], changes[1].shapes, np.ones(2))
+    each = [
+        ErrorModel(error.blocks, error.nuisances, only(level))
+        .posterior(residuals[0], changes[1].shapes, np.ones(2))
+        for level in learned._all
+    ]  # fmt: skip
+    evidences = np.array([one.log_evidence for one in each])
+    weight = np.exp(evidences - special.logsumexp(evidences))
+
+    assert len(some.by_level) < len(every.by_level) == len(each)
+    np.testing.assert_allclose(some.log_evidence, every.log_evidence, rtol=0.0, atol=1e-6)
+    np.testing.assert_allclose(some.log_bayes, every.log_bayes, rtol=0.0, atol=1e-6)
+    whole = special.logsumexp(evidences) - np.log(len(each))
+    assert posterior.log_evidence == pytest.approx(whole, abs=1e-6)
+    known = np.isfinite(posterior.evidences[:, 1])
+    np.testing.assert_allclose(posterior.evidences[known, 1], evidences[known], atol=1e-6)
+    assert np.all(evidences[~known] < evidences.max() - 50.0)
+    mean = weight @ np.array([one.mean for one in each])
+    np.testing.assert_allclose(posterior.mean, mean, atol=1e-9)
 
 
 def test_evidence_is_the_same_whether_a_property_is_looked_for_or_scored(shared):

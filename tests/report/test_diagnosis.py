@@ -252,14 +252,23 @@ def test_what_is_left_beside_an_effect_is_said_with_its_place():
         found.decision.fit, chi_square=np.full_like(found.decision.fit.chi_square, REMAINS)
     )
     found = replace(found, decision=replace(found.decision, fit=left, explained_share=0.5))
-    point = {"x": 71.2, "y": 40.0, "z": -9.6, "within_m": 12.0, "joint": None}
+    point = {
+        "x": 71.2,
+        "y": 40.0,
+        "z": -9.6,
+        "within_m": 12.0,
+        "joint": None,
+        "nature": "soft",
+        "in_pattern": True,
+    }
     partial = summary | {
         "outcome": "PARTIAL",
         "remainder": summary["located"] | {"points": [point]},
     }
 
     said = lead(found, partial)
-    place = "east 71 m, north 40 m, height -10 m (within 12 m)"
+    place = "east 71 m, north 40 m, height -10 m (within 12 m, soft ground; in doubt: "
+    place += "inside of the blasted pattern)"
     assert f"But something else is missing near {place}, seen at" in said
 
 
@@ -371,6 +380,19 @@ def test_a_detection_limit_is_a_sentence_in_the_unit_of_its_parameter(change, se
     assert detection_limit_rows({"detection_limits": [LIMIT | change]}) == [sentence]
 
 
+def test_forms_of_an_effect_are_one_statement_of_what_would_have_been_detected():
+    alone, missed = (LIMIT | {"form": form, "value": value} for form, value in (
+        (LIMIT["form"], LIMIT["value"]), ("holes", None)
+    ))  # fmt: skip
+
+    both = detection_limit_rows({"detection_limits": [missed, alone]})
+    none = detection_limit_rows({"detection_limits": [missed, missed]})
+
+    (seen,) = detection_limit_rows({"detection_limits": [alone]})
+    assert both == [f"{seen[:-1]}, as holes at no strength that was simulated."]
+    assert len(none) == 2
+
+
 @pytest.mark.parametrize(
     ("deviation", "said"),
     [(3.4, "rock.cs lies more than 3 prior deviations off"), (0.4, "could not be fitted")],
@@ -438,7 +460,15 @@ def test_the_best_of_cells_behind_one_another_is_shown_in_plan_and_in_section():
 @pytest.mark.parametrize("points", [0, 1])
 def test_a_map_of_the_rock_says_where_or_that_no_place_is_given(points):
     found, summary = made("UNKNOWN")
-    point = {"x": 71.2, "y": 40.0, "z": -9.6, "within_m": 12.0, "joint": "J1"}
+    point = {
+        "x": 71.2,
+        "y": 40.0,
+        "z": -9.6,
+        "within_m": 12.0,
+        "joint": "J1",
+        "nature": None,
+        "in_pattern": False,
+    }
     cells = {"x": [10.0, 50.0], "y": [20.0, 20.0], "z": [-5.0, -5.0], "score": [4.0, 60.0]}
     look = summary["located"] | {"points": [point][:points], "cells": cells}
 

@@ -9,7 +9,7 @@ from small_project import written
 
 from pyblast.inference.variation import Charges, Scatter, Span, peaks_of_drawn_blasts
 from pyblast.project.project import load_project
-from pyblast.workflows.prediction import bands_of_peaks
+from pyblast.workflows.prediction import FurtherHoles, bands_of_peaks
 from pyblast.workflows.run import superposed_bands
 
 CERTAIN = "[priors]\nholes_percent = {}\nfiring_ms = 0\n"
@@ -50,7 +50,8 @@ def test_a_band_of_a_prediction_is_relative_to_its_own_peak():
     case = SimpleNamespace(band=span, receivers=("R1", "R2"), project=project)
 
     np.testing.assert_allclose(planned, np.abs(total).max(axis=-1), rtol=1e-9)
-    once, twice = (bands_of_peaks(case, k * total, charges, 0.2, 0.01) for k in (1.0, 2.0))
+    own = FurtherHoles(charges)
+    once, twice = (bands_of_peaks(case, k * total, own, 0.2, 0.01) for k in (1.0, 2.0))
     for name, band in once.items():
         np.testing.assert_allclose(twice[name], 2.0 * np.array(band))
         assert band.low < band.low_alike < band.high_alike < band.high

@@ -67,7 +67,7 @@ def ended(tmp_path_factory):
         patch.setattr("pyblast.report.diagnosis.maps_figure", no_map)
         patch.setattr(workflow, "read_case", lambda _: site.project)
         patch.setattr(workflow, "_hash_of", lambda _: "input")
-        patch.setattr(workflow, "_say_level", lambda *_: None)
+        patch.setattr(workflow, "_say_level", lambda *_: [])
         patch.setenv("STOP", "1")
         with pytest.raises(Exit) as stop, exit_codes():
             workflow.diagnose_case(out / "site.toml", out, progress=progress)
