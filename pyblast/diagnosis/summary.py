@@ -91,6 +91,7 @@ def summarise_diagnosis(
             "chi_square_of_answer": None if change is None else round(change, 2),
         },
         "data_quality": _data_quality(case),
+        "implausible_peaks": [],  # of a project file
         "fails": list(decision.fails),
         "next_measurement": _next_measurement(search, decision, remainder),
         "calibration": _calibration(baseline, fit),
@@ -176,7 +177,6 @@ def _data_quality(case):
         "clipped": _clipped(case),
         "low_pass_hz": {name: case.project.survey.shot(name).low_pass for name in case.blasts},
         "excluded_share": round(float(np.mean(~case.valid)), 4),
-        "implausible_peaks": [],  # of a project file
     }
 
 

@@ -556,7 +556,7 @@ def assumptions(diagnosis: Diagnosed, summary: dict) -> list[str]:
     if summary["data_quality"]["receivers_without_records"]:
         names = joined_by_and(summary["data_quality"]["receivers_without_records"])
         sentences.append(f"Receivers without records are not used: {names}.")
-    sentences += summary["data_quality"]["implausible_peaks"]
+    sentences += summary["implausible_peaks"]
     if not summary["finished"]:
         sentences.append("The budget ended before the search was complete.")
     return sentences

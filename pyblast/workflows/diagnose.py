@@ -292,8 +292,8 @@ def diagnose_file(
         progress=progress,
         known=known,
     )
-    summary = {"case": project.title, **diagnosis.summary, "provenance": provenance}
-    summary["data_quality"] |= {"implausible_peaks": implausible}
+    own = {"implausible_peaks": implausible, "provenance": provenance}
+    summary = {"case": project.title, **diagnosis.summary, **own}
     write_summary(output / RESULT, summary)
     write_diagnosis_report(output / REPORT, diagnosis, summary)
     return plain(summary)
