@@ -1,9 +1,9 @@
 """Cases of the proof by name: what is true of each, sealed by a digest, and how it is answered.
 
-Six kinds: sites of an independent program with real geometry (``site``) and with flat layers
-(``flat``), drawn sites with real noise (``drawn``; ``trial`` by a seed for development), the mine
-of the paper (``mine``), real hits on a line of geophones (``real``), simulated drops of a ball on
-a bar of rock (``drop``).
+Seven kinds: sites of an independent program with real geometry (``site``) and with flat layers
+(``flat``), sites that SPECFEM3D records (``specfem``), drawn sites with real noise (``drawn``;
+``trial`` by a seed for development), the mine of the paper (``mine``), real hits on a line of
+geophones (``real``), simulated drops of a ball on a bar of rock (``drop``).
 """
 
 import fcntl
@@ -23,11 +23,15 @@ import numpy as np
 
 from benchmarks.blind.drawing import drawn
 from benchmarks.blind.plan import DEVELOPMENT_SEED, PROOF_CASES, PROOF_SEED, Draw, plan
+from benchmarks.specfem.plan import plan as specfem_plan
+from benchmarks.specfem.plan import store_of
+from benchmarks.specfem.worlds import drawn as drawn_for_specfem
 from examples.gol_e_gohar import diagnose as mine
 from pyblast.errors import InputError
 
 from .drawn import answered as answered_drawn
 from .drawn import named_parts
+from .scores import NULLS
 
 ROOT = Path(__file__).resolve().parents[2]
 SHARED = ROOT.parent / "shared"
@@ -35,13 +39,16 @@ TRIAL_CASES = 40
 DIGITS = 9  # of a number in a truth: further ones differ from machine to machine
 # Kinds and whether their truths were known to the authors when they were registered.
 KNOWN = {
-    "site": True, "flat": True, "drawn": False, "mine": True, "real": False, "drop": True,
-    "trial": True,
+    "site": True, "flat": True, "specfem": False, "drawn": False, "mine": True, "real": False,
+    "drop": True, "trial": True,
 }  # fmt: skip
+FOLDERS = "site", "flat", "specfem"
 
 
 def folder_of(kind: str) -> Path:
     """Return the folder of the cases of an independent program."""
+    if kind == "specfem":
+        return store_of()
     if kind == "site":
         return Path(os.environ.get("PYBLAST_SITES", SHARED / "sites"))
     return Path(os.environ.get("PYBLAST_CASES", SHARED / "cases"))
@@ -62,6 +69,8 @@ def truths() -> Iterator[tuple[str, Any]]:
     for kind in ("site", "flat"):
         for file in sorted((folder_of(kind) / "truth").glob("case-*/truth.toml")):
             yield f"{kind}-{file.parent.name.removeprefix('case-')}", file.read_bytes()
+    for draw in specfem_plan():
+        yield draw.name.replace("case", "specfem"), drawn_for_specfem(draw).truth
     for draw in plan(PROOF_CASES, PROOF_SEED):
         yield draw.name.replace("case", "drawn"), drawn(draw).truth
     for number, (trial, (effect, physics, _, _, change)) in enumerate(mine.TRIALS.items()):
@@ -88,6 +97,10 @@ def truth_of(name: str) -> Any:
         file = folder_of(kind) / "truth" / f"case-{number}" / "truth.toml"
         if file.is_file():
             return file.read_bytes()
+    if kind == "specfem":
+        for draw in specfem_plan():
+            if draw.name == f"case-{number}":
+                return drawn_for_specfem(draw).truth
     found = dict(truths()) if kind in ("mine", "real", "drop") else {}
     if name not in found:
         raise InputError(f"proof: {name} is not here; see verification/proof/registered.json")
@@ -106,7 +119,7 @@ def answered(name: str, store: Path) -> dict:
     kind, _, number = name.partition("-")
     if kind in ("drawn", "trial"):
         return answered_drawn(_draw(name), store)
-    if kind in ("site", "flat"):
+    if kind in FOLDERS:
         return _answered_folder(kind, f"case-{number}", store)
     if kind == "mine":
         return _answered_mine(int(number))
@@ -118,6 +131,9 @@ def as_crash(name: str, error: Exception) -> dict:
     truth, kind = truth_of(name), name.partition("-")[0]
     if kind in ("site", "flat"):
         row = _row_of_folder(truth)
+    elif kind == "specfem":
+        labels = [] if truth["block"] in NULLS else [truth["effect"]]
+        row = {"block": truth["block"], "truth": labels}
     elif kind in ("drawn", "trial"):
         row = {"block": truth["block"], "truth": [part["label"] for part in truth["effects"]]}
     else:
@@ -161,6 +177,7 @@ def _row_of_folder(content):
     labels = [label for label in truth["effects"] if label != "null"]
     outside = "outside" if truth.get("out_of_library") else None
     block = outside or ("null", "single", "two")[min(len(labels), 2)]
+    block = "hard null" if truth.get("hard_null") else block
     return {"block": block, "truth": labels, "energy": truth["effect_energy_mean_affected"]}
 
 
@@ -168,8 +185,8 @@ def _answered_folder(kind, name, store):
     """Answer a site of the independent program."""
     from verification.foreign import judged  # which asks for a machine of its own kind
 
+    truth = _truth_file(kind, name)
     row = judged(folder_of(kind), name, store, None, {})
-    truth = truth_of(name.replace("case", kind))
     answer = json.loads((store / name / "diagnosis.json").read_text(encoding="utf-8"))
     misfits = row["further_blast_misfit"]
     words = {"before": "calibrated", "after": "diagnosed"}
@@ -182,6 +199,19 @@ def _answered_folder(kind, name, store):
                      if misfits[word] is not None},
         "processor_s": round(row["processor_s"] + row["kept_s"], 1),
     }  # fmt: skip
+
+
+def _truth_file(kind, name):
+    """Return the truth file of a case, checked to be of the draw that was registered."""
+    file = folder_of(kind) / "truth" / name / "truth.toml"
+    if not file.is_file():
+        raise InputError(f"proof: {file} is not there; python -m benchmarks.specfem makes it")
+    content = file.read_bytes()
+    if kind == "specfem":
+        sealed = digest_of(truth_of(name.replace("case", kind)))
+        if tomllib.loads(content.decode())["drawn"] != sealed:
+            raise InputError(f"proof: {file} is of another draw; remove it and make it anew")
+    return content
 
 
 def _metres(content, answer):
