@@ -21,6 +21,7 @@ from . import (
     case,
     cuts,
     edges,
+    held,
     kernels,
     laws,
     layer,
@@ -28,6 +29,7 @@ from . import (
     page,
     scale,
     single,
+    slip,
     step_sizes,
     timing,
     waits,
@@ -49,10 +51,12 @@ PARTS = {
     "cuts": cuts,
     "single": single,
     "layer": layer,
+    "memory": held,
+    "slip": slip,
     "waves": waves,
     "waits": waits,
 }
-WAITS = ("site", "check", "demo", "tests")
+WAITS = ("site", "check", "demo", "tests", "threads")
 FLAGS = ("--peers", "--quick", "--long")
 
 
@@ -85,8 +89,7 @@ def main(arguments):
         results[name] = {
             **timing.stamp(), "seconds": round(took, 1), "found": {**known, **found},
         }  # fmt: skip
-        if name == "waves":
-            _key_figures(results)
+        _key_figures(name, results)
         if name == "waits":
             keep_waits(results, found)
         ordered = {part: results[part] for part in (*PARTS, *WAITS) if part in results}
@@ -95,12 +98,20 @@ def main(arguments):
         page.write(PARTS, results)
 
 
-def _key_figures(results):
-    """Put the figures of correct waves where they are looked for, with machine, load and date."""
-    waves = results["waves"]
-    said = {name: waves[name] for name in ("machine", "load", "date")}
-    results.setdefault("accuracy", {"found": {}}).update(waves["found"]["figures"])
-    results["accuracy"].update({f"waves_{name}": value for name, value in said.items()})
+def _key_figures(part, results):
+    """Put the key figures of a part where they are looked for, with machine, load and date."""
+    found = results[part]["found"]
+    said = {name: results[part][name] for name in ("machine", "load", "date")}
+    if part == "waves":
+        results.setdefault("accuracy", {"found": {}}).update(found["figures"])
+        results["accuracy"].update({f"waves_{name}": value for name, value in said.items()})
+    if part == "layer":
+        results[part]["node_ratio"] = found["double"]["node_ratio"]
+    if part == "slip":
+        results[part]["error"] = found["error"]
+    if part == "memory":
+        results[part]["bytes_a_node"] = found["bytes_a_node"]
+        results["threads"] = {"serial_share": found["serial_share"], **said}
 
 
 def keep_waits(results, found):

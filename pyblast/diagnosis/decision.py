@@ -9,7 +9,7 @@ from scipy.special import logsumexp
 
 from ..errors import contained
 from ..ground.tables import is_anisotropic
-from ..inference.location import unrestricted
+from ..inference.location import Places, unrestricted
 from ..simulation.simulation import Simulation
 from .cross_validation import CrossValidation, cross_validate
 from .effects import Scene, of_all_holes
@@ -159,11 +159,23 @@ def open_set_ratio(search: Search, chosen: Fit) -> float | None:
     if search.scores is None:
         return None
     without, scores = search.without_effects, search.scores
-    rock, joints = search.scene.secondary_places
-    everywhere = [(rock, 1.0), *([(joints, SPRINGS)] if len(joints.sizes) else [])]
     residual = scores.residual(without.motion, without.values)
-    free = unrestricted(scores.at_fit(without).error, everywhere, residual)
+    free = unrestricted(scores.at_fit(without).error, sources_anywhere(search.scene), residual)
     return None if free < search.required else search.delta_ln_evidence(chosen) / free
+
+
+def sources_anywhere(scene: Scene) -> list[tuple[Places, float]]:
+    """Return all cells of rock and patches of joints of a scene, and the spread of their changes.
+
+    Over that of rock; rock comes first.
+
+    Raises
+    ------
+    InputError, SolverError
+        If secondary sources can't be computed.
+    """
+    rock, joints = scene.secondary_places
+    return [(rock, 1.0), *([(joints, SPRINGS)] if len(joints.sizes) else [])]
 
 
 def body_explains_more(search: Search, chosen: Fit) -> tuple[str, ...]:

@@ -159,19 +159,19 @@ def unrestricted(
     -----
     Theory.md (14.15). One variance is common to all cells, and averaged over `FREE`.
     """
-    rows = np.concatenate([
-        scale * places.shapes.reshape(-1, *residual.shape) for places, scale in everywhere
-    ])  # fmt: skip
-    changes = _directions(rows, residual)
+    changes = directions_of(everywhere, residual)
     scores = error.scores(residual[None], [Change(sigma * changes) for sigma in FREE])
     return float(logsumexp(scores.log_bayes[:, 0]) - np.log(len(FREE)))
 
 
-def _directions(rows, residual):
-    """Return few rows (n, ...) of the same covariance as those of all cells.
+def directions_of(everywhere: Sequence[tuple[Places, float]], residual: np.ndarray) -> np.ndarray:
+    """Return few changes (n, ...) of the same covariance as those of all places; as `unrestricted`.
 
     The largest, each channel in units of its own residual.
     """
+    rows = np.concatenate([
+        scale * places.shapes.reshape(-1, *residual.shape) for places, scale in everywhere
+    ])  # fmt: skip
     unit = np.sqrt(np.sum(residual**2, axis=-1, keepdims=True))
     unit = np.where(unit > 0.0, unit, np.inf)
     flat = (rows / unit).reshape(len(rows), -1)

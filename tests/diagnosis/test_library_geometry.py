@@ -194,6 +194,39 @@ def test_a_slope_without_height_changes_nothing():
     assert shared(sent(flat), sent(site())) < 1e-3
 
 
+def test_a_hill_falls_to_half_its_height_at_its_half_width_on_all_sides():
+    knobs = {"height": 6.0, "east": 4.0, "north": -3.0, "width": 16.0, "longer": 1.5}
+    upright = applied("topography/hill", "middle", site(), turn=0.0, **knobs)
+    turned = applied("topography/hill", "middle", site(), turn=math.pi / 2, **knobs)
+    crest = np.add(survey_positions(site()).mean(axis=0), (4.0, -3.0))
+
+    assert upright.meshed.mesh.hexahedral
+    assert on_ground(upright.mesh, crest)[2] == pytest.approx(6.0, abs=0.3)
+    for project, sides in ((upright, (16.0, 24.0)), (turned, (24.0, 16.0))):
+        for step in np.vstack([np.diag(sides), -np.diag(sides)]):
+            assert on_ground(project.mesh, crest + step)[2] == pytest.approx(3.0, abs=0.3)
+
+
+def test_a_crest_lies_towards_its_target():
+    middle = survey_positions(site()).mean(axis=0)
+    reach = 0.25 * np.ptp(survey_positions(site()), axis=0)
+    targets = listed("topography/hill", site())
+
+    assert len(targets) == 9
+    knobs = {"height": 6.0, "east": 0.0, "north": 0.0, "width": 16.0, "longer": 1.5, "turn": 0.0}
+    north_west = applied("topography/hill", "NW", site(), **knobs).terrain
+    highest = north_west[np.argmax(north_west[:, 2])]
+    np.testing.assert_allclose(highest[:2], middle + reach * [-1.0, 1.0])
+    assert highest[2] == 6.0
+
+
+def test_a_hill_without_height_changes_nothing():
+    knobs = {"east": 4.0, "north": -3.0, "width": 16.0, "longer": 1.5, "turn": 0.3}
+    flat = applied("topography/hill", "E", site(), height=0.0, **knobs)
+
+    assert shared(sent(flat), sent(site())) < 1e-3
+
+
 def test_a_slope_is_added_to_a_surveyed_surface():
     survey = np.array(
         [[x, y, 0.02 * x] for x in (-50.0, 60.0, 170.0) for y in (-50.0, 45.0, 140.0)]

@@ -19,6 +19,7 @@ from ..hypotheses import hypothesis, remeshable
 UPRIGHT = 90.0  # deg
 STEEP = 60.0  # deg, dip of candidate planes where no plane is listed
 COMPASS = ("N", "NE", "E", "SE", "S", "SW", "W", "NW")
+MIDDLE = "middle"
 EDGES = 1.5  # candidate planes per shortest S wavelength in the fastest layer
 NEAREST = 0.25  # of that spacing, least distance of an unlisted joint from listed parallel ones
 PARALLEL = 1e-6  # deg
@@ -28,6 +29,8 @@ MOST_ORIENTATIONS = 4  # of candidate planes beside listed ones: each costs eigh
 COARSER = 1.5  # edges of tetrahedra across listed planes, over those that a project asks for
 SURVEY = 9  # rows of places along a slope, and places of a row
 BEYOND = 2.0  # box diagonals that a slope covers on either side
+RINGS = np.linspace(0.25, 2.5, 10)  # half widths, of places around a crest
+BEARINGS = 16  # of places on a ring
 
 
 def _as_meshed(project, changed):
@@ -426,7 +429,6 @@ def directions(case) -> tuple[str, ...]:
 )
 def slope(project, target, height, position, width, turn):
     """A bench or slope is left out: the ground beyond it, in this direction, is higher or lower."""
-    survey = project.ground.surface
     along = _direction(45.0 * COMPASS.index(target) + math.degrees(turn))
     across = np.array([-along[1], along[0]])
     reach = BEYOND * math.hypot(*project.config.mesh.size_m[:2])
@@ -435,11 +437,67 @@ def slope(project, target, height, position, width, turn):
     sides = np.linspace(-reach, reach, SURVEY)
     middle = survey_positions(project).mean(axis=0)
     plan = [middle + row * along + side * across for row in rows for side in sides]
+
+    def rise(places):
+        beyond = (places - middle) @ along - position
+        return height * np.clip(beyond / width + 0.5, 0.0, 1.0)
+
+    return _raised(project, plan, rise)
+
+
+def crests(case) -> tuple[str, ...]:
+    """Name the places of a crest: the middle of holes and receivers, and halfway to their edge."""
+    del case
+    return MIDDLE, *COMPASS
+
+
+@hypothesis(
+    "topography",
+    form="hill",
+    family="path",
+    on="site",
+    target="place",
+    targets=crests,
+    axis="both",
+    decided_by="a survey of the ground surface",
+    odd=True,
+    further=(("width", (12.0, 40.0)), ("turn", (-0.8, 0.8, 1.57))),
+    simulated=(remeshable, sampled_top),
+)
+def hill(project, target, height, east, north, width, longer, turn):
+    """A hill, ridge or hollow is left out: the ground rises or falls to a crest on all sides."""
+    places = survey_positions(project)
+    crest = places.mean(axis=0) + np.array([east, north])
+    if target != MIDDLE:
+        crest = crest + 0.25 * np.ptp(places, axis=0) * _towards(target)
+    along = _direction(math.degrees(turn))
+    axes = np.array([along / (longer * width), np.array([-along[1], along[0]]) / width])
+    reach = BEYOND * math.hypot(*project.config.mesh.size_m[:2])
+    bearings = np.radians(np.linspace(0.0, 360.0, BEARINGS, endpoint=False))
+    circle = np.column_stack([np.cos(bearings), np.sin(bearings)])
+    rings = [crest + radius * circle @ np.linalg.inv(axes).T for radius in RINGS]
+    sides = np.linspace(-reach, reach, SURVEY)
+    plan = np.vstack([crest, *rings, crest + np.array(list(product(sides, sides)))])
+
+    def rise(places):
+        away = np.sum(((places - crest) @ axes.T) ** 2, axis=1)
+        return height * np.where(away < RINGS[-1] ** 2, 0.5**away, 0.0)
+
+    return _raised(project, plan, rise)
+
+
+def _towards(target):
+    """Return the step (2,) from the middle of a square to an edge or a corner of it."""
+    return np.round(_direction(45.0 * COMPASS.index(target)))
+
+
+def _raised(project, plan, rise):
+    """Return a project whose surface is higher by ``rise(places)``; a plan (n, 2) is sampled."""
+    survey = project.ground.surface
     places = np.column_stack([plan, np.full(len(plan), _top(project))])
     if survey is not None:
         places = np.vstack([np.column_stack([plan, _draped(survey, plan)]), survey])
-    beyond = (places[:, :2] - middle) @ along - position
-    places[:, 2] += height * np.clip(beyond / width + 0.5, 0.0, 1.0)
+    places[:, 2] += rise(places[:, :2])
     return _as_meshed(project, project.changed(surface=places))
 
 
