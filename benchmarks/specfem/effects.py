@@ -41,16 +41,17 @@ def attenuation_Q(world, rng):
 def topography(world, rng):
     """Raise a hill that the files do not list."""
     place = float(rng.uniform(80.0, 130.0)), float(rng.uniform(60.0, 120.0))
-    hill = Hill(float(rng.uniform(13.0, 20.0)), float(rng.uniform(40.0, 50.0)), place)
+    hill = Hill(float(rng.uniform(18.0, 25.0)), float(rng.uniform(38.0, 46.0)), place)
     return world.with_ground(height=hill), {"h": hill.height, "width": hill.width, "at": place}
 
 
 @effect
 def body(world, rng):
-    """Leave an old working open, between blasts and receivers."""
-    middle = rng.uniform(110.0, 145.0), rng.uniform(70.0, 115.0)
-    size = rng.uniform(14.0, 20.0), rng.uniform(40.0, 60.0), rng.uniform(9.0, 12.0)
-    return _with_body(world, middle, size, float(rng.uniform(6.0, 8.0)) + _soil(world), VOID)
+    """Let softer rock lie between blasts and receivers."""
+    middle = rng.uniform(100.0, 130.0), rng.uniform(70.0, 115.0)
+    size = rng.uniform(40.0, 60.0), rng.uniform(55.0, 75.0), rng.uniform(20.0, 28.0)
+    top = float(rng.uniform(7.0, 9.0)) + _soil(world)
+    return _with_body(world, middle, size, top, float(rng.uniform(0.42, 0.52)))
 
 
 @effect
