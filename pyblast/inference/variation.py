@@ -31,6 +31,7 @@ ENDS = 0.05, 0.95  # of the bands of its peaks
 FINE = 9  # levels around the most probable one
 QUIET = 2e-4  # of scatter, that of sites without any: more would hide variation
 APART = 1.4  # times the learned level: those of the grid that are nearer aren't asked beside it
+TAKEN = 1.25  # of the upper end: nuisances take a part of large variation (docs/decisions.md)
 SMALL = (0.0, 0.01, 0.02, 0.04, 0.07, 0.1)  # levels where none is the most probable
 
 
@@ -149,7 +150,7 @@ class Varied:
     Parameters
     ----------
     value, low, high : float
-        Posterior median, and its 90 % interval.
+        Posterior median, and its 90 % interval, with what nuisances may have taken.
     """
 
     value: float
@@ -406,7 +407,7 @@ def _interval(whole: ErrorModel, at: Level, residual, scatter: tuple[float, ...]
     smooth = interpolate.PchipInterpolator(fine, evidence)(value)
     weight = np.cumsum(np.exp(smooth - smooth.max()))
     low, middle, high = np.interp([0.05, 0.5, 0.95], weight / weight[-1], value)
-    return Varied(float(middle), float(low), float(high))
+    return Varied(float(middle), float(low), float(high) * (TAKEN if at.holes else 1.0))
 
 
 def charges_of(motion: np.ndarray, fired: Firings, places: np.ndarray, dt: float) -> Charges:

@@ -152,6 +152,7 @@ def test_a_search_that_does_not_end_starts_again_with_the_lower_third_of_the_ban
 
     monkeypatch.setattr(Fitter, "_minimised", noted)
     monkeypatch.setattr("pyblast.inference.fit.STEPS", 0)
+    monkeypatch.setattr("pyblast.back_analysis.fit.LAST_STEPS", 0)
     path = noisy(tmp_path)
     path.write_text(path.read_text().replace("[3, 20]", "[1, 19]"))
 
