@@ -3,17 +3,19 @@
     python -m benchmarks.specfem [--seed N] [case ...]
 
 ``PYBLAST_SPECFEM`` is the folder in which SPECFEM3D Cartesian was built. A case that was stopped
-is made again from its beginning; another seed than that of the proof has a folder of its own.
+goes on with its next run; another seed than that of the proof has a folder of its own.
 """
 
 import argparse
 import resource
+import shutil
 import sys
 
 from pyblast.errors import PyblastError
 from verification.rows import ended_by_sigterm
 
 from .case_files import write_case
+from .kept import kept
 from .plan import SEED, plan, store_of
 from .records import recorded
 from .worlds import drawn
@@ -43,7 +45,9 @@ def main():
 def _make(draw, store):
     """Make one case and say what it took."""
     case, began = drawn(draw), _spent()
-    write_case(store, case, recorded(case))
+    runs = store / "runs" / draw.name
+    write_case(store, case, recorded(case, kept(runs)))
+    shutil.rmtree(runs)
     print(f"{draw.name} {draw.effect} {draw.template}: {_spent() - began:.0f} s of processor",
           flush=True)  # fmt: skip
 

@@ -26,7 +26,7 @@ NO_Q = 9999.0
 WORD = 512  # characters of a word of a table for materials from a file
 P_OVER_S = 1.5  # ratio of the quality factors of P and S waves
 NEAREST = 0.1727  # first of the distances between the nodes of an element, of its edge
-COURANT = 0.5
+COURANT = 0.42  # 0.49 is the limit of five nodes along an edge
 EDGES = (  # of a hexahedron by its corners, along its three directions
     ((0, 1), (3, 2), (4, 5), (7, 6)), ((0, 3), (1, 2), (4, 7), (5, 6)),
     ((0, 4), (1, 5), (2, 6), (3, 7)),

@@ -2,7 +2,6 @@
 
 import os
 import re
-import shutil
 import subprocess
 import tempfile
 from pathlib import Path
@@ -156,6 +155,6 @@ def _read(folder, count):
     peak, last = np.abs(motion).max(), np.abs(motion[..., -len(times) // 20 :]).max()
     if not last <= MOST_LEFT * peak:
         raise InputError("specfem: motion grows to the end of a run; take a shorter step")
-    shutil.rmtree(folder / "OUTPUT_FILES")
-    (folder / "OUTPUT_FILES").mkdir()
+    for file in (folder / "OUTPUT_FILES").glob("*.semd"):
+        file.unlink()
     return times, motion

@@ -113,9 +113,8 @@ def predict(
     simulation, further, project = _further(case, blast, values, effects, folder, finer=True)
     motion, changes = simulation.motion(project), _changes_of_rows(case, blast, effects)
     if changes is not None:
-        own = hole_motion(simulation, further, project)[FURTHER]
-        scene = _scene_of_holes(simulation, further, project)
-        motion = motion + scene.change_by_holes(FURTHER, changes, own)
+        own, *linear = _holes(case, blast, values, effects, folder, finer=True)
+        motion = motion + _scene_of_holes(*linear).change_by_holes(FURTHER, changes, own)
     received = PredictionScene(simulation, further, project)
     return with_motion_effects(received, motion, effects)[0]
 
@@ -151,15 +150,14 @@ def predicted_holes(
     Returns
     -------
     FurtherHoles or None
-        None where holes do not superpose.
+        None where holes do not superpose; joints that close or slip by an effect move as elastic.
     """
-    simulation, further, project = _further(case, blast, values, effects, folder)
-    own = hole_motion(simulation, further, project).get(FURTHER)
+    own, *linear = _holes(case, blast, values, effects, folder)
     if own is None:
         return None
     changes, learned = _changes_of_rows(case, blast, effects), None
     if changes is not None:
-        scene = _scene_of_holes(simulation, further, project)
+        scene = _scene_of_holes(*linear)
         own = scene.changed_holes(own, changes)
         if len(covariance):
             learned = drawn_rows(scene, pattern_of(case, blast), of_all_holes(effects), covariance)
@@ -200,6 +198,18 @@ def _further(case, blast, values, effects, folder, finer=False):
     reference, project = (with_blast(each, FURTHER, blast) for each in (case.project, answer))
     further = replace(case, project=reference, blasts=(FURTHER,))
     return simulation_of(further, folder, finer=finer), further, project
+
+
+def _holes(case, blast, values, effects, folder, finer=False):
+    """Return the motion of each hole of a further blast, with what `_further` returns.
+
+    Without effects under which holes do not superpose: a joint that closes or slips. None in place
+    of the motion where holes do not superpose in the project itself.
+    """
+    linear = [effect for effect in effects if effect.hypothesis.linear]
+    simulation, further, project = _further(case, blast, values, linear, folder, finer)
+    own = hole_motion(simulation, further, project).get(FURTHER)
+    return own, simulation, further, project
 
 
 def _scene_of_holes(simulation, further, project):

@@ -9,6 +9,7 @@ from benchmarks.specfem import ground, mesh
 from benchmarks.specfem.case_files import write_case
 from benchmarks.specfem.effects import EFFECTS
 from benchmarks.specfem.hearing import in_band, shares
+from benchmarks.specfem.kept import kept
 from benchmarks.specfem.plan import BLOCKS, DEVELOPMENT_SEED, HARD_NULLS, SEED, plan
 from benchmarks.specfem.records import recorded
 from benchmarks.specfem.sites import BEFORE, DT, DURATION, FURTHER, draw_site
@@ -131,6 +132,25 @@ def test_files_of_a_case_are_read_as_projects_and_hide_what_is_true(tmp_path, ef
     truth = tomllib.loads((tmp_path / "truth" / draw.name / "truth.toml").read_text())
     assert truth["effects"] == (["null"] if effect in HARD_NULLS else [effect])
     assert (truth["effect_energy_mean_affected"] > 0.0) == (effect not in HARD_NULLS)
+
+
+def test_a_case_that_was_stopped_goes_on_with_its_next_run(tmp_path):
+    draw, done = of_effect("delay_scatter"), []
+
+    def stopped(ground, mesh, blasts, *rest):
+        if len(done) == 3:
+            raise KeyboardInterrupt
+        done.append(blasts)
+        return stub(ground, mesh, blasts, *rest)
+
+    with pytest.raises(KeyboardInterrupt):
+        recorded(drawn(draw), kept(tmp_path, stopped))
+    left = []
+    made = recorded(drawn(draw), kept(tmp_path, lambda *asked: left.append(1) or stub(*asked)))
+    whole = recorded(drawn(draw), stub)
+    assert len(left) == 4  # of seven: four blasts, a finer mesh, without the effect, as believed
+    for name, motion in whole.records.items():
+        np.testing.assert_array_equal(made.records[name], motion)
 
 
 def test_noise_is_as_large_as_stated():

@@ -13,7 +13,7 @@ from pyblast.diagnosis.hypotheses import LIBRARY, patterns_of
 from pyblast.project.places import NEAR
 from pyblast.simulation.simulation import Simulation
 from pyblast.workflows import prediction
-from pyblast.workflows.prediction import at_further, predict
+from pyblast.workflows.prediction import at_further, predict, predicted_holes
 
 AIR = Effect("air_blast", "", ((800.0,), (0.05,), (340.0,), (1.1,), (1.0,)))
 SOFT = Effect("soft_surface_layer", "", ((5.0,), (0.4,)))
@@ -68,3 +68,21 @@ def test_what_was_learned_of_holes_scales_each_hole_of_a_further_blast(monkeypat
     late = np.roll(own[1], round(0.04 / case.dt), axis=-1)
     late[..., : round(0.04 / case.dt)] = 0.0
     np.testing.assert_allclose(foretold, factor[0] * own[0] + factor[1] * late, atol=1e-9)
+
+
+@pytest.mark.parametrize("name", [name for name, each in LIBRARY.items() if not each.linear])
+def test_holes_of_a_further_blast_move_as_across_elastic_joints_where_one_is_not(name):
+    case = recorded(small_site())
+    hypothesis = LIBRARY[name]
+    target = next(iter(hypothesis.targets(case)))
+    effect = Effect(
+        name,
+        target,
+        tuple((p.mean if p.mean is not None else p.low,) for p in hypothesis.parameters),
+    )
+    blast = case.project.blasts["B1"]
+
+    bent = predicted_holes(case, blast, [], (effect,))
+    elastic = predicted_holes(case, blast, [], ())
+
+    np.testing.assert_array_equal(bent.charges.motion, elastic.charges.motion)
