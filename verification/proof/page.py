@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 
 from pyblast.files import write_text
 from verification.markdown import reflow
-from verification.rows import Rows
+from verification.rows import Rows, program
 
 from .answers import first_answers, versions
 from .registered import KINDS, changed_thresholds, registered
@@ -65,6 +65,10 @@ def page(rows: Rows, version: str | None, answers: Rows) -> str:
         "were registered before.", _kinds(cases, answers), "### What was to be reached",
         _targets(answers),
     ]  # fmt: skip
+    if answers and version != program():
+        parts.append(
+            "The program has changed since; what it is now has answered no more than that."
+        )
     changed = changed_thresholds()
     if changed:
         parts.append(f"Thresholds changed since they were registered: {'; '.join(changed)}.")
@@ -84,7 +88,8 @@ def summary(version: str | None, answers: Rows) -> str:
     cases = registered()["cases"]
     if not answers:
         return f"None of {len(cases)} registered cases is answered by this version yet."
-    dates = sorted(row["date"] for row in answers.values())
+    dates = sorted({row["date"] for row in answers.values()})
+    days = " to ".join(dict.fromkeys((dates[0], dates[-1])))
     own = in_library_words(answers)
     nulls = [row for row in own if not row["truth"]]
     single = [row for row in own if row["block"] == "single"]
@@ -92,9 +97,8 @@ def summary(version: str | None, answers: Rows) -> str:
     failed = sum(row["outcome"] == "CRASH" for row in answers.values())
     return (
         f"Version `{version}` has answered {len(answers)} of {len(cases)} registered cases "
-        f"({dates[0]} to {dates[-1]}), each once: it claims nothing on {silent} of {len(nulls)} "
-        f"nulls, names {sum(map(right, single))} of {len(single)} single effects, and crashed "
-        f"{failed} times."
+        f"({days}), each once: it claims nothing on {silent} of {len(nulls)} nulls, names "
+        f"{sum(map(right, single))} of {len(single)} single effects, and crashed {failed} times."
     )
 
 
@@ -201,17 +205,17 @@ def _code(word):
 def _draw(rows):
     """Draw the confusion matrix."""
     truths, answers, counts = confusion(rows)
-    figure = Figure(figsize=(2.5 + 0.4 * len(answers), 2.0 + 0.3 * len(truths)))
-    axes = figure.subplots()
-    axes.imshow(counts / counts.sum(axis=1, keepdims=True), cmap="Blues", vmin=0.0, vmax=1.0)
+    figure = Figure(figsize=(4.0 + 0.4 * len(answers), 2.5 + 0.3 * len(truths)))
+    axes, part = figure.subplots(), counts / counts.sum(axis=1, keepdims=True)
+    axes.imshow(part, cmap="Blues", vmin=0.0, vmax=1.0)
     for (row, column), count in np.ndenumerate(counts):
         if count:
-            axes.text(column, row, str(count), ha="center", va="center", fontsize=8)
+            shade = "white" if part[row, column] > 0.5 else "black"
+            axes.text(column, row, str(count), ha="center", va="center", fontsize=8, color=shade)
     axes.set_xticks(range(len(answers)), answers, rotation=60, ha="right", fontsize=7)
     axes.set_yticks(range(len(truths)), truths, fontsize=7)
     axes.set(xlabel="answer", ylabel="truth")
-    figure.tight_layout()
-    figure.savefig(FIGURE, dpi=100)
+    figure.savefig(FIGURE, dpi=100, bbox_inches="tight")
 
 
 def _between(file, begin, end, text):

@@ -10,7 +10,7 @@ CLEAR = 8.0  # d' from which an effect must be named
 ENERGIES = (0.0, 0.01, 0.05, 0.15, 0.4, np.inf)  # of a record, edges of the classes of power
 LEVEL = 0.95
 SILENT = ("NULL", "UNKNOWN")
-NAMES = ("NAMED", "COMPOSITE")
+NAMES = ("NAMED", "COMPOSITE", "MISTAKE")
 NULLS, OUTSIDE = ("null", "hard null"), ("outside", "out of library")
 
 
@@ -48,7 +48,8 @@ TARGETS = (
 
 def answer_word(row: dict) -> str:
     """Return what an answer says: the names, or the outcome where it gives none."""
-    return " + ".join(sorted(row["named"])) if row["outcome"] in NAMES else row["outcome"]
+    named = " + ".join(sorted(row["named"])) if row["outcome"] in NAMES else ""
+    return named or row["outcome"]
 
 
 def truth_word(row: dict) -> str:
