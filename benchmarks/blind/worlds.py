@@ -105,9 +105,9 @@ def recorded(world: World, motion, noise=None) -> dict[str, np.ndarray]:
     return found
 
 
-def delayed(velocity, lag):
-    """Return samples (..., n) that come ``lag`` s later."""
+def delayed(velocity, lag, dt=DT):
+    """Return samples (..., n), ``dt`` s apart, that come ``lag`` (...) s later."""
     n = velocity.shape[-1]
     size = fft.next_fast_len(2 * n, real=True)
-    turns = np.exp(-2j * np.pi * fft.rfftfreq(size, DT) * lag)
+    turns = np.exp(-2j * np.pi * fft.rfftfreq(size, dt) * np.asarray(lag)[..., None])
     return fft.irfft(fft.rfft(velocity, size) * turns, size)[..., :n]

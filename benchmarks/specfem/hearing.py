@@ -84,14 +84,6 @@ def coloured(rng, shape, level):
     return level * uneven * noise / size
 
 
-def delayed(motion, lags):
-    """Return motion (n_receivers, 3, n) later by lags (n_receivers,) in s."""
-    n = motion.shape[-1]
-    size = fft.next_fast_len(2 * n, real=True)
-    turns = np.exp(-2j * np.pi * fft.rfftfreq(size, DT) * np.asarray(lags)[:, None, None])
-    return fft.irfft(fft.rfft(motion, size) * turns, size)[..., :n]
-
-
 def in_band(motion):
     """Return motion between the limits of the band, without delay."""
     sections = signal.butter(3, BAND, "band", fs=1.0 / DT, output="sos")

@@ -5,7 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from .hearing import coloured, delayed, shares
+from benchmarks.blind.worlds import delayed
+
+from .hearing import coloured, shares
 from .mesh import mesh_of, time_step
 from .sites import BAND, BEFORE, DT, DURATION, LARGE, SINGLE, SIZE
 from .solver import LEAD, simulated
@@ -102,5 +104,5 @@ def _heard(world, motion):
     for name, moved in motion.items():
         for change in world.heard:
             moved = change(moved, world.site, name, times())
-        found[name] = delayed(moved, world.lags[name])
+        found[name] = delayed(moved, np.asarray(world.lags[name])[:, None], DT)
     return found

@@ -173,8 +173,9 @@ def drawn_rows(scene, pattern, rows, covariance):
 
     def change(values):
         each = iter(values)
-        own = ((row, {p.name: next(each) for p in row.hypothesis.parameters}) for row in rows)
-        return together([row.hypothesis.apply(pattern, "", **named) for row, named in own])
+        return _together(
+            pattern, rows, [{p.name: next(each) for p in row.hypothesis.parameters} for row in rows]
+        )
 
     fitted = change(known)
 
@@ -224,10 +225,18 @@ def _scene_of_holes(simulation, further, project):
 
 def _changes_of_rows(case, blast, effects):
     """Return what effects on the holes of the site change of a further blast; None without."""
-    pattern = pattern_of(case, blast)
     rows = of_all_holes(effects)
-    each = [row.hypothesis.apply(pattern, row.target, **row.parameters) for row in rows]
-    return together(each) if each else None
+    if not rows:
+        return None
+    return _together(pattern_of(case, blast), rows, [row.parameters for row in rows])
+
+
+def _together(pattern, rows, parameters):
+    """Return what rows with parameters, a dict for each, change of the holes of a pattern."""
+    return together([
+        row.hypothesis.apply(pattern, row.target, **own)
+        for row, own in zip(rows, parameters, strict=True)
+    ])  # fmt: skip
 
 
 def at_further(case: Case, blast: Blast) -> Case:
