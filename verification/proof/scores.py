@@ -170,7 +170,10 @@ def gains(rows: list[dict], key: str = "after") -> list[float]:
     """Return by how much more energy of unseen records a model explains than the calibrated one.
 
     Of cases with an effect, whose answer has that model: ``after`` the diagnosis, with the
-    ``second`` best effect, or the ``right`` one.
+    ``second`` best effect, or the ``right`` one. An answer MISTAKE stops before a model is changed.
     """
-    told = [row["held_out"] for row in rows if row["truth"] and row.get("held_out")]
+    told = [
+        row["held_out"] for row in rows
+        if row["truth"] and row.get("held_out") and row["outcome"] != "MISTAKE"
+    ]  # fmt: skip
     return [each[key] - each["before"] for each in told if {key, "before"} <= set(each)]
