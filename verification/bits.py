@@ -4,7 +4,7 @@
 
 Each row is a ground on one element: all laws of joints and of zones, layers, a gradient, both kinds
 of damping, a dipping joint, zones that are integrated implicitly, and project files with thin soil
-on the level, a slope, a bench and in a trench, whose hexahedra stand in an absorbing layer. Models
+on a slope, a bench and in a trench, whose hexahedra stand in an absorbing layer. Models
 have more nodes than the least that threads share. Each is prepared and run on 1, 2 and 5 threads,
 and by the program on as many; every record, energy and array of the final state is compared with
 that of Python on one thread, bit by bit. A row says, too, whether the law it is about has done

@@ -367,8 +367,8 @@ def table(rows):
     stated = [row["within_stated"] for row in rows.values()]
     lines = [
         f"{sum(stated)} of {len(rows)} errors are within the one stated, {sum(asked)} within the "
-        f"accuracy asked for. {FAILS} marks one beyond what is stated, † one of another program "
-        f"than {newest(rows)}.",
+        "accuracy asked for.",
+        f"{FAILS} marks one beyond what is stated, † one of another program than {newest(rows)}.",
         "",
         "| case | of the suite | auto | hexahedra | tetrahedra |",
         "|---|---|---|---|---|",
