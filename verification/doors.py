@@ -344,9 +344,7 @@ def measured(name):
             project = project_of(DOORS[case], element, folder)
             errors = compared(DOORS[case], project)
         else:
-            padded = (
-                {"padding_m": PADDING, "padding_edge_m": COARSE} if element == "tetrahedra" else {}
-            )
+            padded = PADDED if element == "tetrahedra" else {}
             project = scenes.project(case, "0", folder, **ELEMENTS[element], **padded)
             receivers, _ = scenes.compared(project, case, "0")
             errors = {key: one["error"] for key, one in receivers.items()}
