@@ -56,7 +56,7 @@ STIFF, FILL = 0.5 * Z * TURN, 0.5 * Z  # Pa/m and Pa s/m
 SLIPS, SPRING = 0.4 * ZS * AMPLITUDE, 20.0 * ZS * TURN  # Pa and Pa/m
 ACROSS = 60.0, 100.0, 140.0  # m, heights of a joint that slips, of its receiver, of the model
 LAYER = 20.0, 120.0  # m of soil on rock
-PADDING = 60.0  # m, of tetrahedra with sources inside
+PADDED = {"padding_m": 60.0, "padding_edge_m": 20.0}  # of tetrahedra with sources inside
 
 
 @dataclass(frozen=True)
@@ -344,7 +344,7 @@ def measured(name):
             project = project_of(DOORS[case], element, folder)
             errors = compared(DOORS[case], project)
         else:
-            padded = {"padding_m": PADDING} if element == "tetrahedra" else {}
+            padded = PADDED if element == "tetrahedra" else {}
             project = scenes.project(case, "0", folder, **ELEMENTS[element], **padded)
             receivers, _ = scenes.compared(project, case, "0")
             errors = {key: one["error"] for key, one in receivers.items()}
