@@ -1,5 +1,6 @@
 """The table of all cases in docs/quality/verification.md, and a figure for each case."""
 
+from datetime import UTC, date, datetime, timedelta
 from pathlib import Path
 
 import matplotlib
@@ -9,6 +10,8 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 
 from .markdown import reflow
+from .rows import program
+from .suite import SMALLEST, small
 
 ROOT = Path(__file__).resolve().parents[1]
 FIGURES = ROOT / "docs" / "figures" / "verification"
@@ -18,6 +21,7 @@ END = "<!-- end of suite -->"
 DEFECTS = "<!-- defects: from verification/mutants.json -->", "<!-- end of defects -->"
 MOST_CURVES = 3
 FAILS = '<span class="fails">✗</span>'
+OLD, WEEK = "†", timedelta(days=7)
 
 
 def by_number(name):
@@ -70,18 +74,25 @@ def write_table(results, problems):
     names = sorted({*problems, *results}, key=by_number)
     passed = sum(bool(results.get(n, {}).get("pass")) for n in names)
     as_asked = sum(bool(results.get(n, {}).get("as_asked")) for n in names)
+    today = datetime.now(UTC).date()
     lines = [
         f"{as_asked} of {len(names)} cases meet what was asked of them on the mesh asked for; "
         f"{passed} meet their tolerance on the finest mesh of their study. {FAILS} marks a "
-        "quantity that misses either; what was asked, and which mesh meets it, is in the next "
-        "table. R blocks a release, E is required for the diagnosis, C for a claim.",
+        "quantity of this table whose last error is beyond its tolerance, or whose order is below "
+        "the least one behind it, ≥. Small: every error is below a tenth of the tolerance or "
+        f"{SMALLEST:g}, so no order is judged; not judged: the case exempts the quantity. R blocks "
+        "a release, E is required for the diagnosis, C for a claim.",
         "",
-        "| case | problem | gate | quantity | error on each mesh | order | tolerance | |",
-        "|---|---|---|---|---|---|---|---|",
+        f"Written on {today} for program {program()}. Of: when and of which program the case was "
+        f"measured; {OLD} marks another program, a date more than {WEEK.days} days before, or "
+        "neither known.",
+        "",
+        "| case | problem | gate | of | quantity | error on each mesh | order | tolerance | |",
+        "|---|---|---|---|---|---|---|---|---|",
     ]
     for name in names:
-        lines += _rows(name, results[name]) if name in results else [
-            f"| {name} | {problems[name]} | | not built | | | | – |"
+        lines += _rows(name, results[name], today) if name in results else [
+            f"| {name} | {problems[name]} | | | not built | | | | – |"
         ]  # fmt: skip
     lines += ["", "### Asked and judged", "", *_asked_table(names, results)]
     notes = [f"- **{n}** {results[n]['note']}" for n in names if results.get(n, {}).get("note")]
@@ -108,34 +119,71 @@ def write_defects(tried, count):
     PAGE.write_text(reflow(page), encoding="utf-8")
 
 
-def _rows(name, result):
+def _rows(name, result, today):
     """Return the lines of one case."""
+    of = _measured(result, today)
     if "failure" in result:
-        head = f"| {name} | {result['title']} | {result['gate']}"
+        head = f"| {name} | {result['title']} | {result['gate']} | {of}"
         return [f"{head} | {result['failure']} | | | | {FAILS} |"]
     lines = []
     meshes = ", ".join(f"{mesh:g}" for mesh in result["meshes"])
     title = f"{result['title']}" + (f" ({meshes} {result['unit']})" if meshes else "")
     for row in result["quantities"]:
-        errors = ", ".join(f"{error:+.2g}" for error in row["error"])
-        order = "" if row["order"] is None else f"{row['order']:.1f}"
-        mark = "✓" if row["pass"] and row["as_asked"] is not False else FAILS
+        bounds = row["tolerance"], small(row["tolerance"])
+        errors = ", ".join(shown(error, *bounds) for error in row["error"])
+        mark = "✓" if row["pass"] else FAILS
         quantity = row["quantity"].replace("|", r"\|")
-        head = f"| {name} | {title} | {result['gate']}" if not lines else "| | | "
+        head = f"| {name} | {title} | {result['gate']} | {of}" if not lines else "| | | | "
         lines.append(
-            f"{head} | {quantity} | {errors} | {order} | {row['tolerance']:.2g} | {mark} |"
+            f"{head} | {quantity} | {errors} | {_order(row)} | {row['tolerance']:g} | {mark} |"
         )
     return lines
+
+
+def _measured(result, today):
+    """Return when and of which program a case was measured, with a mark if that is old."""
+    if "date" not in result:
+        return OLD
+    fresh = result["program"] == program()
+    fresh &= today - date.fromisoformat(result["date"]) <= WEEK
+    return f"{result['date']} {result['program']}{'' if fresh else ' ' + OLD}"
+
+
+def _order(row):
+    """Return an observed order beside the least one, or why none is judged."""
+    order, least = row["order"], row["least_order"]
+    found = "none" if order is None else f"{order:.1f}"
+    if least is None:
+        return f"{found}, {row['unordered']}" if row["unordered"] else ""
+    if order is not None:
+        found = shown(order, least, sign="")
+    return f"{found} ≥ {least:g}"
+
+
+def shown(value, *bounds, sign="+"):
+    """Return a number in two digits, or as many as leave it on its side of each bound.
+
+    >>> shown(0.0504, 0.05), shown(-0.0504, 0.5)
+    ('+0.0504', '-0.05')
+    """
+    sides = [abs(value) <= bound for bound in bounds]
+    for digits in range(2, 18):
+        text = f"{value:{sign}.{digits}g}"
+        if [abs(float(text)) <= bound for bound in bounds] == sides:
+            break
+    return text
 
 
 def _asked_table(names, results):
     """Return the lines of the table of what was asked, what it is judged by, and why."""
     lines = [
         "Asked is what the plan of verification asks, set before the measurement: a tolerance, on "
-        "a mesh. Judged is what the study uses: a tolerance on its finest mesh. Met from: the "
-        "coarsest mesh from which on the tolerance asked for is met.",
+        "a mesh, or on the finest of the study where it names none. Judged is what the study uses, "
+        "in the table above. Met from: the coarsest mesh from which on the tolerance asked for is "
+        f"met. {FAILS} marks an error there beyond the tolerance asked for; lacking: the mesh that "
+        "meets it by the observed order, or by how much it is missed.",
         "",
-        "| case | quantity | asked | error there | judged | met from | | why |",
+        "| case | quantity | asked | error there | judged | met from | | lacking |",
         "|---|---|---|---|---|---|---|---|",
     ]
     for name in names:
@@ -156,8 +204,9 @@ def _asked_row(name, row):
     mesh = "no mesh" if len(row["error"]) < 2 else asked["met_on"]
     met = mesh if isinstance(mesh, str) else "none" if mesh is None else f"{mesh:g}"
     mark = "✓" if row["as_asked"] else FAILS
+    error = shown(asked["error"], asked["tolerance"])
     return (
-        f"| {name} | {quantity} | {_on(asked)} | {asked['error']:+.2g} | {judged} | {met} | {mark} "
+        f"| {name} | {quantity} | {_on(asked)} | {error} | {judged} | {met} | {mark} "
         f"| {row['reason']} |"
     )
 
@@ -165,4 +214,4 @@ def _asked_row(name, row):
 def _on(limit):
     """Return a tolerance and its mesh in words."""
     mesh = "" if limit["mesh"] is None else f" at {limit['mesh']:g}"
-    return f"{limit['tolerance']:.2g}{mesh}"
+    return f"{limit['tolerance']:g}{mesh}"

@@ -12,7 +12,7 @@ import numpy as np
 from .asked import asked_of
 
 CASES = {}
-ROUNDING = 1e-12
+SMALL, SMALLEST = 0.1, 1e-12  # of a tolerance; errors below either need no order
 
 
 @dataclass(frozen=True)
@@ -94,8 +94,8 @@ class Case:
         What the numbers in ``meshes`` count.
     order : float or None
         Least observed order of convergence; None for cases without a mesh and for exact ones.
-    ordered : tuple of str
-        Quantities whose order is judged; empty: all that have a tolerance.
+    ordered : tuple of str, or dict of str to float
+        Quantities whose order is judged, or their own least orders; empty: all with a tolerance.
     quick : bool
         Whether `./dev test` runs it, on its first mesh.
     note : str
@@ -111,7 +111,7 @@ class Case:
     meshes: tuple[float, ...] = ()
     unit: str = "edges per wavelength"
     order: float | None = None
-    ordered: tuple[str, ...] = ()
+    ordered: tuple[str, ...] | dict[str, float] = ()
     quick: bool = False
     note: str = ""
 
@@ -157,49 +157,99 @@ def judge(problem, readings, beside=None):
         One row for each quantity that has a tolerance.
     """
     rows = []
-    for quantity, tolerance in problem.tolerance.items():
-        measured = [next(r for r in mesh if r.quantity == quantity) for mesh in readings]
-        errors = [r.error for r in measured]
-        within = [bool(abs(error) <= tolerance) for error in errors]
-        order = observed_order(problem.meshes, errors) if len(errors) > 1 else float("nan")
-        rows.append({
+    for quantity in problem.tolerance:
+        measured = [_of(mesh, quantity) for mesh in readings]
+        row = {
             "quantity": quantity, "expected": measured[-1].expected,
-            "measured": measured[-1].measured,
-            "error": errors, "tolerance": tolerance,
-            "order": None if np.isnan(order) else round(order, 2),
-            "met_on": _first_that_lasts(problem.meshes or (None,), within),
-            "pass": within[-1] and _order_is_good(problem, quantity, tolerance, errors, order),
-            **_against_asked(problem, quantity, measured, beside or {}),
-        })  # fmt: skip
+            "measured": measured[-1].measured, "error": [r.error for r in measured],
+        }  # fmt: skip
+        others = {mesh: _of(found, quantity).error for mesh, found in (beside or {}).items()}
+        rows.append(verdict(problem, row, others))
     return rows
 
 
-def _against_asked(problem, quantity, measured, beside):
-    """Return what was asked of a quantity, what it is judged by, and whether it is as asked."""
-    judged = {
-        "tolerance": problem.tolerance[quantity],
-        "mesh": problem.meshes[-1] if problem.meshes else None,
-    }
+def verdict(problem, row, beside=None):
+    """Return a row with what was asked, what it is judged by, and whether its errors meet both.
+
+    Parameters
+    ----------
+    problem : Case
+    row : dict
+        ``quantity`` and ``error``, one for each mesh; a stored row is judged anew.
+    beside : dict of float to float, optional
+        Errors on further meshes, by mesh; by default that of the row on the mesh asked for.
+
+    Returns
+    -------
+    dict
+        ``least_order`` is None where no order is judged; ``unordered`` says why.
+    """
+    quantity, errors = row["quantity"], row["error"]
+    tolerance, meshes = problem.tolerance[quantity], problem.meshes[: len(errors)] or (None,)
+    order = observed_order(meshes, errors) if len(errors) > 1 else float("nan")
+    least, unordered = _least_order(problem, quantity, errors)
+    within = [bool(abs(error) <= tolerance) for error in errors]
     asked = asked_of(problem.number, quantity)
+    if beside is None:
+        kept = row["asked"] or {"mesh": None}
+        beside = {} if kept["mesh"] is None else {kept["mesh"]: kept["error"]}
+    every = {**dict(zip(meshes, errors, strict=True)), **beside}
+    return {
+        "quantity": quantity, "expected": row["expected"], "measured": row["measured"],
+        "error": errors, "tolerance": tolerance,
+        "order": None if np.isnan(order) else order, "least_order": least, "unordered": unordered,
+        "met_on": _first_that_lasts(meshes, within),
+        "pass": within[-1] and (least is None or bool(order >= least)),
+        "judged": {"tolerance": tolerance, "mesh": meshes[-1]},
+        **_against_asked(asked, every, order),
+    }  # fmt: skip
+
+
+def _of(readings, quantity):
+    """Return the reading of a quantity."""
+    return next(r for r in readings if r.quantity == quantity)
+
+
+def _least_order(problem, quantity, errors):
+    """Return the order that errors must fall with, or None and why none is judged."""
+    if len(errors) < 2:
+        return None, ""
+    if max(map(abs, errors)) <= small(problem.tolerance[quantity]):
+        return None, "small"
+    if problem.order is None or (problem.ordered and quantity not in problem.ordered):
+        return None, "not judged"
+    own = problem.ordered if isinstance(problem.ordered, dict) else {}
+    return own.get(quantity, problem.order), ""
+
+
+def small(tolerance):
+    """Return the error below which, on every mesh, an order tells nothing."""
+    return max(SMALL * tolerance, SMALLEST)
+
+
+def _against_asked(asked, errors, order):
+    """Return what was asked of a quantity, whether its errors by mesh meet it, and what lacks."""
     if asked is None:
-        return {"asked": None, "judged": judged, "as_asked": None,
-                "reason": "beside what was asked for"}  # fmt: skip
-    errors = dict(zip(problem.meshes or (None,), (r.error for r in measured), strict=False))
-    for mesh, readings in beside.items():
-        errors[mesh] = next(r.error for r in readings if r.quantity == quantity)
+        return {"asked": None, "as_asked": None, "reason": ""}
     meshes = sorted(errors, key=lambda mesh: mesh or 0.0)
-    met = [abs(errors[mesh]) <= asked.tolerance + ROUNDING for mesh in meshes]
     at = asked.mesh if asked.mesh in errors else meshes[-1]
-    good = bool(abs(errors[at]) <= asked.tolerance + ROUNDING)
-    same = asked.tolerance == judged["tolerance"] and asked.mesh in (None, judged["mesh"])
-    order = "the order is taken over several meshes" if good else "not met on the mesh asked for"
+    over = abs(errors[at]) / asked.tolerance
+    met = [abs(errors[mesh]) <= asked.tolerance for mesh in meshes]
     return {
         "asked": {"tolerance": asked.tolerance, "mesh": asked.mesh, "error": errors[at],
                   "met_on": _first_that_lasts(meshes, met)},
-        "judged": judged,
-        "as_asked": good,
-        "reason": "" if same and good else asked.reason or order,
+        "as_asked": bool(abs(errors[at]) <= asked.tolerance),
+        "reason": "" if abs(errors[at]) <= asked.tolerance else lacking(over, at, order),
     }  # fmt: skip
+
+
+def lacking(over, mesh, order):
+    """Say what a miss of ``over`` times the tolerance lacks: a mesh, by the observed order."""
+    if mesh is None:
+        return f"{over:.3g} times as much as asked"
+    if not order > 0.0:
+        return "the error does not fall with the mesh"
+    return f"order {order:.2g}: asks for {mesh * over ** (1.0 / order):.3g}"
 
 
 def _first_that_lasts(meshes, within):
@@ -210,16 +260,3 @@ def _first_that_lasts(meshes, within):
             break
         met = mesh
     return met
-
-
-def _order_is_good(problem, quantity, tolerance, errors, order):
-    """Return whether the observed order is high enough, or the errors too small to tell."""
-    if (
-        problem.order is None
-        or len(errors) < 2
-        or (problem.ordered and quantity not in problem.ordered)
-    ):
-        return True
-    if max(map(abs, errors)) <= max(0.1 * tolerance, 1e-12):
-        return True
-    return bool(order >= problem.order)

@@ -95,3 +95,26 @@ def test_a_hole_of_scale_zero_sends_nothing():
     factor = HoleChange(np.array([0.0, 1.0])).factor(np.array([30.0]), 30.0)
 
     np.testing.assert_array_equal(factor.ravel(), [0.0, 1.0])
+
+
+def test_a_lossy_way_takes_amplitude_and_lets_high_frequencies_arrive_first():
+    middle = 2.0 * np.pi * 20.0
+    omega = middle * np.array([0.5, 1.0, 2.0])
+
+    (factor,) = HoleChange(loss=np.array([2e-3])).factor(omega, middle)[:, 0]
+
+    np.testing.assert_allclose(np.abs(factor), np.exp(-0.5 * omega * 2e-3))
+    late = -np.angle(factor) / omega
+    # Constant Q: a way of t* delays each octave by t* ln 2 / pi less than the one below.
+    np.testing.assert_allclose(late, 2e-3 / np.pi * np.log(2.0) * np.array([1.0, 0.0, -1.0]))
+
+
+def test_no_way_crosses_more_broken_ground_than_it_is_long():
+    near = np.array([[7.5, 8.0 + 1.0 * n, 0.0] for n in range(-12, 12)])
+    own = pattern(near, burden=4.0, face=np.pi)
+
+    metres = ROW["screening"].covariate(own)
+
+    away = np.linalg.norm(near[:, :2] - own.places[:, None], axis=-1)
+    assert metres.max() > 3.0
+    assert np.all(metres <= away + 0.5)

@@ -1,7 +1,8 @@
 """Mistakes put into the records of a small site are named with the act that mends them."""
 
-from dataclasses import replace
+from dataclasses import make_dataclass, replace
 from functools import cache, partial
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,7 +10,17 @@ from small_site import DT, recorded, small_site, with_records
 
 from pyblast.diagnosis.case import case_of
 from pyblast.diagnosis.forward import simulation_of
-from pyblast.diagnosis.mistakes import Mistake, changed_records, mistakes_of, plainest_act
+from pyblast.diagnosis.mistakes import (
+    COMPONENTS,
+    Compared,
+    Mistake,
+    _copy,
+    _of_blasts,
+    _of_receivers,
+    changed_records,
+    mistakes_of,
+    plainest_act,
+)
 from verification.mistakes import AT_A_RECEIVER, is_right, rewritten
 
 
@@ -140,3 +151,92 @@ def test_the_act_that_mends_most_is_named_unless_another_mends_nearly_as_well():
     assert plainest_act([nearly, swap]) is None
     assert plainest_act([nearly, swap, other]) is other
     assert plainest_act([]) is None
+
+
+N, BLASTS, RECEIVERS = 240, ("S1", "B1", "B2"), ("R0", "R1", "R2", "R3", "R4")
+Motion = make_dataclass("Motion", ["velocity", "dt", "start"])
+Record = make_dataclass("Record", ["seismogram", "clipped"])
+Ground = make_dataclass("Ground", ["survey"])
+
+
+def pulses():
+    """Return pulses of other frequencies and shapes in each channel, (3, 5, 3, N)."""
+    late = DT * np.arange(N) - 0.4
+    turns = np.random.default_rng(2).uniform(0.0, 2.0 * np.pi, (3, 5, 3, 1))
+    rate = 8.0 + np.arange(15.0).reshape(1, 5, 3, 1) % 7
+    return np.exp(-0.5 * (late / 0.08) ** 2) * np.cos(2.0 * np.pi * rate * late + turns)
+
+
+def compared(recorded, simulated=None):
+    """Return the comparison of records, with their own motion by default."""
+    band = SimpleNamespace(low=4.0, high=25.0, dt=DT, basis=np.eye(N))
+    case = SimpleNamespace(
+        blasts=BLASTS, receivers=RECEIVERS, band=band, dt=DT, n_samples=N, motion=recorded,
+        valid=np.ones(recorded.shape, dtype=bool),
+    )  # fmt: skip
+    axes = dict.fromkeys(RECEIVERS, (None, COMPONENTS))
+    return Compared(case, recorded, pulses() if simulated is None else simulated, axes)
+
+
+def mended(mistake, motion, blast, receiver):
+    """Return velocity (3, N) and start of a record after the act of a mistake."""
+    record = Record(Motion(motion.T, DT, 0.0), np.zeros((N, 3), bool))
+    survey = SimpleNamespace(edited=lambda act: act(blast, {receiver: record})[receiver])
+    after = mistake.mended(Ground(survey)).survey.seismogram
+    return after.velocity.T, after.start
+
+
+@pytest.mark.parametrize("factor", [1e3, 1e-3, 25.4])
+def test_records_in_another_unit_are_divided_by_its_factor(factor):
+    recorded = pulses()
+    recorded[:, 2] *= factor
+
+    (mistake,) = _of_receivers(compared(recorded))
+
+    assert (mistake.kind, mistake.target) == ("unit", "R2")
+    velocity, _ = mended(mistake, recorded[1, 2], "B1", "R2")
+    np.testing.assert_allclose(velocity, pulses()[1, 2])
+
+
+@pytest.mark.parametrize("factor", [5e4, 3e-6])
+def test_a_factor_far_from_that_of_any_unit_is_none(factor):
+    recorded = pulses()
+    recorded[:, 2] *= factor
+
+    assert list(_of_receivers(compared(recorded))) == []
+
+
+def test_horizontals_that_are_turned_are_turned_back():
+    recorded = pulses()
+    east, north = recorded[:, 2, 0].copy(), recorded[:, 2, 1].copy()
+    recorded[:, 2, 0], recorded[:, 2, 1] = 0.8 * east - 0.6 * north, 0.8 * north + 0.6 * east
+
+    turned = [m for m in _of_receivers(compared(recorded)) if m.kind == "turned"]
+
+    velocity, _ = mended(turned[0], recorded[1, 2], "B1", "R2")
+    assert turned[0].after == pytest.approx(1.0, abs=1e-3)
+    np.testing.assert_allclose(velocity, pulses()[1, 2], atol=0.03)
+
+
+def test_a_late_blast_is_moved_by_what_others_are_not_late():
+    recorded = np.roll(pulses(), 1, axis=-1)  # as faster ground in the reference does
+    recorded[1] = np.roll(recorded[1], 8, axis=-1)
+
+    (mistake,) = _of_blasts(compared(recorded))
+
+    assert (mistake.target, mended(mistake, recorded[1, 0], "B1", "R0")[1]) == ("B1", -8 * DT)
+
+
+def test_of_two_equal_records_those_are_the_copy_that_do_not_fit():
+    recorded = pulses()
+    recorded[2] = recorded[0]
+
+    assert _copy(compared(recorded)).target == "B2"
+    assert _copy(compared(pulses())) is None
+
+
+def test_an_act_that_makes_one_blast_worse_mends_nothing():
+    pair = compared(pulses())
+
+    assert pair.accepts([0.2, 0.9], [0.99, 0.98])
+    assert not pair.accepts([0.2, 0.9], [0.99, 0.85])

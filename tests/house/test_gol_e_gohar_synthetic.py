@@ -38,7 +38,10 @@ def test_the_truth_lies_within_the_ranges_which_the_project_knows(reproduce):
     parameters = [Parameter(path, low, high) for path, (low, high, *_) in reproduce.RANGES.items()]
 
     check_parameters(reproduce.project(reproduce.COARSE), parameters)
-    assert all(low < true < high for low, high, true, _ in reproduce.RANGES.values())
+    for low, high, start, true, _ in reproduce.RANGES.values():
+        assert low < true < high
+        assert low < start < high
+        assert 2.0 < max(start / true, true / start) < 4.0
     assert reproduce.FINE > 1.4 * reproduce.COARSE  # not the mesh of the search
 
 

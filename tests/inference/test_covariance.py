@@ -5,7 +5,7 @@ import pytest
 from residual_case import BAND, DT, N, coloured, residual_case, seismograms
 from scipy import linalg
 
-from pyblast.inference.covariance import RecordBlocks, noise_blocks
+from pyblast.inference.covariance import RecordBlocks, noise_blocks, record_blocks
 from pyblast.inference.error_model import Change, ErrorModel, Levels
 from pyblast.inference.nuisances import (
     DESIGN_LEVELS,
@@ -14,7 +14,7 @@ from pyblast.inference.nuisances import (
     design_nuisances,
     scattering,
 )
-from pyblast.inference.records import band_functions, noise_of
+from pyblast.inference.records import Records, band_functions, noise_of
 
 
 @pytest.fixture
@@ -134,3 +134,34 @@ def test_a_survey_has_a_level_for_each_of_its_errors(case):
     parts = design_nuisances(motion, band, (motion,), DESIGN_LEVELS)
 
     assert {*parts.groups, SCATTER} == set(DESIGN_LEVELS)
+
+
+def records_of(case, motion):
+    """Return the records of this motion with the noise of a case."""
+    noise, band, _ = case
+    valid = np.ones(motion.shape, dtype=bool)
+    return Records(("a", "b"), ("R1", "R2", "R3"), DT, motion, valid, band, noise)
+
+
+def test_the_power_of_a_coda_falls_by_e_in_a_fifth_of_a_second(case):
+    _, band, motion = case
+    late = DT * np.arange(N) - 0.1
+    pulse = np.exp(-0.5 * (late / 0.02) ** 2) * np.cos(2.0 * np.pi * 15.0 * late)
+
+    coda = record_blocks(records_of(case, motion), pulse + 0.0 * motion).coda[0, 0, 0]
+
+    power = np.einsum("tf,fg,tg->t", band.basis, coda, band.basis)
+    first, last = (power[(late > t) & (late < t + 0.1)].mean() for t in (0.15, 0.35))
+    assert first / last == pytest.approx(np.e, rel=0.15)
+
+
+def test_records_of_noise_have_nothing_above_it(case):
+    _, band, motion = case
+    blocks = record_blocks(records_of(case, motion), motion)
+    held = band.project(motion)
+    left = 0.3 * held * np.sqrt(
+        blocks.noise_energy / np.sum(held**2, axis=(-2, -1))
+    )[..., None, None]  # fmt: skip
+
+    assert not blocks.above_noise(left).any()
+    assert blocks.above_noise(held) == pytest.approx(1.0, abs=0.01)

@@ -9,7 +9,7 @@ from scipy import fft
 
 from pyblast.diagnosis.error import LEVELS
 from pyblast.inference.covariance import record_blocks
-from pyblast.inference.error_model import Change, ErrorModel, Levels
+from pyblast.inference.error_model import Change, ErrorModel, Level, Levels
 from pyblast.inference.nuisances import HOLES, Nuisances, moving_columns
 from pyblast.inference.records import Records
 from pyblast.inference.variation import (
@@ -17,11 +17,13 @@ from pyblast.inference.variation import (
     VARIED,
     Charges,
     Filters,
+    Scatter,
     Variation,
     filtered_motion,
     learned_variation,
     log_filters,
     no_filters,
+    peaks_of_drawn_blasts,
     variation,
     with_variation,
 )
@@ -197,3 +199,36 @@ def scale(hole):
     own = np.zeros((N_HOLES, 5))
     own[hole, 0] = np.sqrt(2.5)
     return Filters(own, np.zeros((N_HOLES, N_RECEIVERS, 5)))
+
+
+def test_drawn_errors_have_the_energy_of_the_holes_that_vary():
+    own, still = linear(), 1e-9
+    whole = with_variation(error(Levels((still,))), own, (0.2,))
+    level = Level(still, holes=0.2)
+
+    draws = whole.draws(np.random.default_rng(1), 400, level)
+
+    energy = np.mean(np.sum(draws**2, axis=(-2, -1)), axis=0)
+    noise = np.trace(whole.blocks.noise, axis1=-2, axis2=-1)
+    np.testing.assert_allclose(energy, 0.04 * own.energy + noise, rtol=0.2)
+
+
+def test_what_is_open_sends_the_mean_of_a_lognormal():
+    kernels = log_filters(BAND, len(TIMES), 4 * len(TIMES))[:3]  # in phase
+    none, variance = np.zeros((1, 5)), np.array([0.3, 0.2, 0.1, 0.0, 0.0])
+    whole = np.concatenate([kernels, 0.0 * kernels[:2]])
+
+    (said,) = np.exp(Filters(none, none[:, None], variance).log_factor(0, whole).real)
+
+    drawn = np.random.default_rng(1).standard_normal((20000, 3)) * np.sqrt(variance[:3])
+    np.testing.assert_allclose(said, np.exp(drawn @ kernels.real).mean(axis=0), rtol=0.02)
+
+
+def test_receivers_share_half_of_what_a_hole_varies():
+    whole = charges()
+    one = Charges(whole.motion[:1], whole.times[:1], whole.places[:1])
+
+    peaks = peaks_of_drawn_blasts(one, BAND, Scatter(0.2, 0.0), 400)[..., 0]
+
+    shared = np.corrcoef(np.log(peaks.T))[np.triu_indices(N_RECEIVERS, 1)]
+    np.testing.assert_allclose(shared, 0.5, atol=0.15)

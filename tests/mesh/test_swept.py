@@ -207,6 +207,16 @@ def test_an_arrangement_merges_vertices_and_cuts_segments_at_each_other():
     assert vertices[:4].tolist() == [[0, 0], [10, 0], [10, 10], [0, 10]]
 
 
+def test_a_line_that_ends_just_before_another_one_cuts_it():
+    limits = np.array([[0.0, 10.0], [0.0, 10.0]])
+    segments = np.array([[[0.0, 5.0], [10.0, 5.0]], [[3.0, 9.0], [3.0, 5.05]]])
+
+    _, (level, upright_one) = arrangement(limits, segments, 0.1)
+
+    assert len(level) == 3
+    assert level[1] == upright_one[-1]
+
+
 def test_smoothing_lengthens_the_worst_corner_and_keeps_lines():
     points = np.array([[x, y] for y in (0.0, 1.0, 2.0) for x in (0.0, 1.0, 2.0)])
     points[[1, 4]] = [1.3, 0.0], [1.4, 1.2]

@@ -114,3 +114,22 @@ def test_fractures_that_end_at_an_unknown_fault_are_refused(tmp_path):
 
     with pytest.raises(InputError, match="ends_at: 'F9' must be a fault"):
         surface.make_fractures(mesh, tmp_path)
+
+
+def places_over(width, scattered):
+    """Return places over a width in m of a box of 100 m, in a grid of 10 m or scattered."""
+    x, y = np.meshgrid(np.arange(0.0, width + 1.0, 10.0), np.arange(0.0, 101.0, 10.0))
+    plan = np.column_stack([x.ravel(), y.ravel()])
+    if scattered:
+        inner = (plan[:, 0] > 0.0) & (plan[:, 0] < width)
+        plan[inner] += np.random.default_rng(1).uniform(-2.0, 2.0, (inner.sum(), 2))
+    return np.column_stack([plan, np.zeros(len(plan))])
+
+
+@pytest.mark.parametrize("scattered", [False, True])
+def test_a_survey_that_ends_inside_of_the_box_is_refused(scattered):
+    box = np.array([[0.0, 100.0], [0.0, 100.0], [-50.0, 0.0]])
+
+    surface.refuse_uncovered(places_over(100.0, scattered), box)
+    with pytest.raises(InputError, match="must cover the box"):
+        surface.refuse_uncovered(places_over(70.0, scattered), box)

@@ -12,6 +12,7 @@ from pyblast.project.project import Project, load_project
 from pyblast.project.result import compliance_table, simulated_table
 from pyblast.signals.seismogram import Seismogram
 from pyblast.signals.spectra import highest_frequency
+from pyblast.simulation.accuracy import LEAST_ENERGY, LEAST_PEAK, Band, ReceiverError
 from pyblast.sources.inside import MOST, needed_frequency
 
 LAYERS = '[[mesh.layers]]\nmaterial = "rock"'
@@ -216,3 +217,21 @@ def test_a_plane_that_bends_in_the_absorbing_layer_is_a_part_of_the_error(tmp_pa
     (row,) = project.accuracy.rows
 
     assert (row.parts["joint in the layer"] > 0.05) is bends
+
+
+@pytest.mark.parametrize(
+    ("energy", "peak", "complete"),
+    [(LEAST_ENERGY, LEAST_PEAK, True), (1.0, 0.9 * LEAST_PEAK, False),
+     (0.9 * LEAST_ENERGY, 1.0, False)],
+)  # fmt: skip
+def test_a_band_is_complete_by_its_energy_and_by_its_peak(energy, peak, complete):
+    band = Band(20.0, 24.0, "rock", energy, peak)
+
+    assert band.complete == band.table()["complete"] == complete
+
+
+def test_errors_of_different_causes_add_as_squares_and_the_largest_is_the_cause():
+    row = ReceiverError("house", 20.0, "rock", {"mesh": 0.03, "layer": 0.04}, 0.02)
+
+    assert row.waveform == pytest.approx(0.05)
+    assert row.cause == "layer"

@@ -199,7 +199,8 @@ def test_power_counts_each_single_effect_once():
 
 
 def test_gains_are_those_of_cases_that_have_them():
-    rows = [row(held_out={"before": 0.5, "after": 0.9, "second": 0.6}), row(held_out={}), null()]
+    rows = [row(held_out={"before": 0.5, "after": 0.9, "second": 0.6}), row(held_out={}), null(),
+            row(outcome="MISTAKE", held_out={"before": 0.5, "after": 0.5})]  # fmt: skip
     assert gains(rows) == pytest.approx([0.4])
     assert gains(rows, "second") == pytest.approx([0.1])
     assert gains(rows, "right") == []

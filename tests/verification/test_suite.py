@@ -1,6 +1,9 @@
 """The quick part of the suite, and how cases are judged."""
 
 import json
+import re
+from datetime import date
+from itertools import takewhile
 from pathlib import Path
 
 import numpy as np
@@ -8,11 +11,12 @@ import pytest
 
 from verification import __main__ as main
 from verification import asked
-from verification.__main__ import register_all, run_case
+from verification.__main__ import judged_anew, register_all, run_case
 from verification.mutate import table
-from verification.page import FAILS, _asked_row, by_number
+from verification.page import FAILS, OLD, PAGE, _asked_row, _measured, by_number
+from verification.rows import program
 from verification.scratch import ROOT
-from verification.suite import CASES, Case, Reading, judge, observed_order
+from verification.suite import CASES, Case, Reading, judge, observed_order, verdict
 
 register_all()
 RESULTS = json.loads(Path(main.RESULTS).read_text())
@@ -59,6 +63,18 @@ def test_errors_far_below_the_tolerance_need_no_order():
     assert pretend([0.005, 0.006, 0.007])["pass"]
 
 
+def test_a_quantity_may_have_a_least_order_of_its_own_or_none():
+    about = {"meshes": (10.0, 20.0, 40.0), "order": 1.8}
+    measured = [[Reading("a", 0.0, e, e), Reading("b", 0.0, e, e)] for e in (0.08, 0.04, 0.02)]
+    tolerance = {"a": 0.1, "b": 0.1}
+    exempt = Case("0", "pretended", "none", "R", tolerance, None, ordered=("b",), **about)
+    own = Case("0", "pretended", "none", "R", tolerance, None, ordered={"a": 0.9, "b": 2}, **about)
+
+    assert [row["pass"] for row in judge(exempt, measured)] == [True, False]
+    assert judge(exempt, measured)[0]["unordered"] == "not judged"
+    assert [row["pass"] for row in judge(own, measured)] == [True, False]
+
+
 def test_a_case_that_cannot_be_measured_is_a_failed_one():
     def broken(_):
         raise ValueError("no mesh")
@@ -71,18 +87,65 @@ def test_a_case_that_cannot_be_measured_is_a_failed_one():
 ROWS = [(name, row) for name, one in RESULTS.items() for row in one.get("quantities", ())]
 
 
-def test_every_stored_quantity_says_what_was_asked_and_why_it_is_judged_otherwise():
+def test_every_stored_result_is_judged_by_what_stands_in_it():
     assert set(RESULTS) == set(CASES)
     for name, row in ROWS:
         wanted = asked.asked_of(name, row["quantity"])
+        assert row == verdict(CASES[name], row), (name, row)
         assert (wanted is None) == (row["asked"] is None), (name, row)
-        if wanted is None:
-            assert row["as_asked"] is None
+        if wanted is not None:
+            assert (row["asked"]["tolerance"], row["asked"]["mesh"]) == wanted, (name, row)
+            assert bool(row["reason"]) != row["as_asked"], (name, row)
+    for name, one in RESULTS.items():
+        assert one == judged_anew(CASES[name], one)
+
+
+def cells(*header):
+    """Return the rows of the table of the page under a header, as the texts of their cells."""
+    lines = iter(PAGE.read_text(encoding="utf-8").split("\n"))
+    for line in lines:
+        if [cell.strip() for cell in line.strip("|").split("|")][: len(header)] == [*header]:
+            next(lines)
+            return [
+                [cell.strip() for cell in re.split(r"(?<!\\)\|", row)[1:-1]]
+                for row in takewhile(lambda row: row.startswith("|"), lines)
+            ]
+    return []
+
+
+def test_the_page_ticks_what_the_numbers_printed_beside_it_meet():
+    rows = cells("case", "problem", "gate", "of")
+    assert len(rows) == len(ROWS)
+    for *_, quantity, errors, order, tolerance, mark in rows:
+        numbers, bound = [abs(float(one)) for one in errors.split(",")], float(tolerance)
+        found, _, least = order.partition(" ≥ ")
+        within = numbers[-1] <= bound and (not least or float(found) >= float(least))
+        assert mark == ("✓" if within else FAILS), quantity
+        if len(numbers) > 1:
+            tiny = max(numbers) <= max(0.1 * bound, 1e-12)
+            assert tiny == order.endswith("small"), quantity
+            assert least or order.endswith(("small", "not judged")), quantity
+
+
+def test_the_page_marks_what_misses_the_tolerance_asked_for_on_the_mesh_asked_for():
+    rows = [row for row in cells("case", "quantity", "asked") if row[3] != "not measured"]
+    assert len(rows) == len(ROWS)
+    for _, quantity, limit, error, _, _, mark, lacking in rows:
+        if limit == "–":
+            assert (error, mark, lacking) == ("", "", ""), quantity
             continue
-        assert (row["asked"]["tolerance"], row["asked"]["mesh"]) == wanted[:2], (name, row)
-        same = wanted.mesh in (None, row["judged"]["mesh"])
-        same &= wanted.tolerance == row["judged"]["tolerance"]
-        assert row["reason"] or (same and row["as_asked"]), (name, row)
+        good = abs(float(error)) <= float(limit.split(" at ")[0])
+        assert mark == ("✓" if good else FAILS), quantity
+        assert bool(lacking) != good, quantity
+
+
+def test_a_measurement_of_another_program_or_week_or_unknown_is_marked():
+    today, fresh = date(2026, 11, 27), {"date": "2026-11-20", "program": program()}
+
+    assert OLD not in _measured(fresh, today)
+    assert OLD in _measured(fresh | {"date": "2026-11-19"}, today)
+    assert OLD in _measured(fresh | {"program": "another"}, today)
+    assert _measured({}, today) == OLD
 
 
 def test_every_quantity_asked_for_is_one_that_a_case_measures():
@@ -92,7 +155,7 @@ def test_every_quantity_asked_for_is_one_that_a_case_measures():
 
 
 def test_a_quantity_that_misses_on_the_mesh_asked_for_fails_whatever_finer_meshes_show(monkeypatch):
-    monkeypatch.setitem(asked.ASKED, "0", {"error": asked.Asked(0.1, 10.0, "for a reason")})
+    monkeypatch.setitem(asked.ASKED, "0", {"error": asked.Asked(0.1, 10.0)})
 
     row = pretend([0.16, 0.04, 0.01])
 
@@ -100,7 +163,7 @@ def test_a_quantity_that_misses_on_the_mesh_asked_for_fails_whatever_finer_meshe
     assert not row["as_asked"]
     assert row["asked"] == {"tolerance": 0.1, "mesh": 10.0, "error": 0.16, "met_on": 20.0}
     assert row["judged"] == {"tolerance": 0.1, "mesh": 40.0}
-    assert row["reason"] == "for a reason"
+    assert row["reason"] == "order 2: asks for 12.6"
     assert f"| 20 | {FAILS} |" in _asked_row("0", row)
 
 

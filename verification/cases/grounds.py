@@ -1,5 +1,7 @@
 """Ground whose speed changes from place to place, and fluids in it. L3 and L6."""
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from pyblast.mesh.builder import structured_box
@@ -15,11 +17,12 @@ from verification.suite import Curve, Reading, case
 FREQUENCY = 20.0
 
 
+@dataclass(frozen=True)
 class Along:
     """A gradient along the column, in the shape that `Model.ground` takes."""
 
-    def __init__(self, low, length):
-        self.low, self.length = low, length
+    low: float
+    length: float
 
     def factor(self, places, edges):
         """Return the factor (n,) at places (n, 3): linear from one to its least value."""

@@ -15,6 +15,7 @@ from .answers import first_answers, versions
 from .registered import KINDS, changed_thresholds, registered
 from .scores import (
     ENERGIES,
+    LENGTHS,
     TARGETS,
     answer_word,
     clopper_pearson,
@@ -66,9 +67,7 @@ def page(rows: Rows, version: str | None, answers: Rows) -> str:
         _targets(answers),
     ]  # fmt: skip
     if answers and version != program():
-        parts.append(
-            "The program has changed since; what it is now has answered no more than that."
-        )
+        parts.append("The program has changed since; its present version has answered fewer cases.")
     changed = changed_thresholds()
     if changed:
         parts.append(f"Thresholds changed since they were registered: {'; '.join(changed)}.")
@@ -77,7 +76,7 @@ def page(rows: Rows, version: str | None, answers: Rows) -> str:
         parts += [
             "### Truth against answer",
             "![Confusion matrix of first answers](../figures/proof.png)", matrix(own),
-            "### Power against energy", _power(own), "### Numbers", _numbers(own),
+            "### Power", _power(own), _detected(own), "### Numbers", _numbers(own),
             "### First answers", _answers(rows, version, answers),
         ]  # fmt: skip
     return reflow("\n\n".join(parts))
@@ -146,14 +145,30 @@ def _power(rows):
     """Return how many effects were named, by label and share of energy that they change."""
     edges = [f"{100 * low:g} to {100 * high:g} %" if np.isfinite(high) else f"over {100 * low:g} %"
              for low, high in pairwise(ENERGIES)]  # fmt: skip
-    lines = ["| effect | " + " | ".join(edges) + " |", "|---" * (len(edges) + 1) + "|"]
-    for label, pairs in power(rows).items():
+    words = "Single effects named, and nothing else, by the energy that they change:"
+    return _classes(words, edges, power(rows))
+
+
+def _detected(rows):
+    """Return how many drawn effects were named, by label and distance d' from no effect."""
+    edges = [f"{low:g} to {high:g}" if np.isfinite(high) else f"over {low:g}"
+             for low, high in pairwise(LENGTHS)]  # fmt: skip
+    words = (
+        "Those of drawn sites by d′, the size of the effect in standard deviations of noise and "
+        "model error, less what calibration takes of it:"
+    )
+    return _classes(words, edges, power(rows, "length", LENGTHS))
+
+
+def _classes(words, edges, table):
+    """Return a table of pairs by label and class."""
+    if not table:
+        return f"{words} {NOT_ANSWERED}."
+    lines = [words, "", "| effect | " + " | ".join(edges) + " |", "|---" * (len(edges) + 1) + "|"]
+    for label, pairs in table.items():
         cells = " | ".join(f"{hits} of {count}" if count else "" for hits, count in pairs)
         lines.append(f"| `{label}` | {cells} |")
-    if len(lines) == 2:
-        return f"Single effects: {NOT_ANSWERED}."
-    words = "Single effects named, and nothing else, by the energy that they change:"
-    return "\n".join([words, "", *lines])
+    return "\n".join(lines)
 
 
 def _numbers(rows):

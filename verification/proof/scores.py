@@ -1,13 +1,15 @@
 """Scores of first answers: confusion matrix, shares with exact intervals, power against energy."""
 
 from collections import Counter
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 from scipy import stats
 
 CLEAR = 8.0  # d' from which an effect must be named
-ENERGIES = (0.0, 0.01, 0.05, 0.15, 0.4, np.inf)  # of a record, edges of the classes of power
+# Edges of the classes of power: of the energy of a record, and of d'.
+ENERGIES, LENGTHS = (0.0, 0.01, 0.05, 0.15, 0.4, np.inf), (0.0, 4.0, 6.0, CLEAR, 16.0, np.inf)
 LEVEL = 0.95
 SILENT = ("NULL", "UNKNOWN")
 NAMES = ("NAMED", "COMPOSITE", "MISTAKE")
@@ -145,23 +147,33 @@ def met(target: Target, hits: list[bool]) -> bool | None:
     return share <= target.share if target.sign == "≤" else share >= target.share
 
 
-def power(rows: list[dict]) -> dict[str, list[tuple[int, int]]]:
-    """Return by label how many single effects were named of how many, in classes of energy.
+def power(
+    rows: list[dict], key: str = "energy", edges: Sequence[float] = ENERGIES
+) -> dict[str, list[tuple[int, int]]]:
+    """Return by label how many single effects were named of how many, in classes.
+
+    Parameters
+    ----------
+    rows : list of dict
+    key : str
+        ``energy`` or ``length``; rows without it are left out.
+    edges : sequence of float
+        Of the classes, n + 1.
 
     Returns
     -------
     dict of str to list of (int, int)
-        Rightly named and all, a pair for each class between `ENERGIES`.
+        Rightly named and all, n pairs.
     """
-    single = [row for row in rows if row["block"] == "single" and row.get("energy") is not None]
+    single = [row for row in rows if row["block"] == "single" and row.get(key) is not None]
     table = {}
     for label in sorted({row["truth"][0] for row in single}):
         own = [row for row in single if row["truth"][0] == label]
-        at = np.digitize([row["energy"] for row in own], ENERGIES[1:-1])
+        at = np.digitize([row[key] for row in own], edges[1:-1])
         table[label] = [
             (sum(right(row) for row, k in zip(own, at, strict=True) if k == each),
              int(np.sum(at == each)))
-            for each in range(len(ENERGIES) - 1)
+            for each in range(len(edges) - 1)
         ]  # fmt: skip
     return table
 
@@ -170,7 +182,10 @@ def gains(rows: list[dict], key: str = "after") -> list[float]:
     """Return by how much more energy of unseen records a model explains than the calibrated one.
 
     Of cases with an effect, whose answer has that model: ``after`` the diagnosis, with the
-    ``second`` best effect, or the ``right`` one.
+    ``second`` best effect, or the ``right`` one. An answer MISTAKE stops before a model is changed.
     """
-    told = [row["held_out"] for row in rows if row["truth"] and row.get("held_out")]
+    told = [
+        row["held_out"] for row in rows
+        if row["truth"] and row.get("held_out") and row["outcome"] != "MISTAKE"
+    ]  # fmt: skip
     return [each[key] - each["before"] for each in told if {key, "before"} <= set(each)]
