@@ -85,7 +85,10 @@ GROUNDS = {
 
 
 def made(shape, order=1, *, planes=None, layers=None, shear=0.0, materials=None, **parts):
-    """Return the model of a ground on a grid of hexahedra, or of tetrahedra for order 1."""
+    """Return the model of a ground on a grid of hexahedra, or of tetrahedra for order 1.
+
+    These are quadratic unless parts say otherwise.
+    """
     cut = {"order": order} if order > 1 else {"pattern": "centred"}
     mesh = structured_box(shape, SIZE, planes=planes, layers=layers, **cut)
     if shear and order > 1:
@@ -103,8 +106,7 @@ def made(shape, order=1, *, planes=None, layers=None, shear=0.0, materials=None,
         sources=(PointForce(source, (1e8, 2e8, -3e8), pulse),),
         receivers=tuple(Receiver(name, end) for name, end in zip("AB", ends, strict=True)),
         boundaries=tuple(Viscous(side) for side in SIDES),
-        quadratic=order == 1,
-        **parts,
+        **{"quadratic": order == 1, **parts},
     )
 
 

@@ -249,19 +249,21 @@ def tables(scene, matrix):
     return parts
 
 
-def measured(name):
-    """Return the row of a scene and turn: errors, expected errors and causes by receiver."""
-    scene_name, turn = name.rsplit(", ", 1)
-    scene = SCENES[scene_name]
-    matrix = turning(scene, turn)
-    folder = Path(tempfile.mkdtemp())
+def project(name, turn, folder, **mesh):
+    """Return the project of a scene and turn, its files in a folder; keys of the mesh replace."""
+    scene = SCENES[name]
     values, dt = BELL.samples()
     title = "force_n" if scene.source.ndim == 1 else "moment_rate_Nm_per_s"
     lines = [title, *(f"{n * dt:.9g},{1e9 * value:.9g}" for n, value in enumerate(values))]
-    (folder / "rate.csv").write_text("time_s," + "\n".join(lines) + "\n")
-    project = Project.from_dict(tables(scene, matrix), folder)
-    run = project.simulate()
-    wanted = exact(scene_name, 4000, round(0.25 * project.duration, 3) / 1000.0)
+    (Path(folder) / "rate.csv").write_text("time_s," + "\n".join(lines) + "\n")
+    parts = tables(scene, turning(scene, turn))
+    return Project.from_dict(parts | {"mesh": parts["mesh"] | mesh}, folder)
+
+
+def compared(project, name, turn):
+    """Run the project of a scene; return errors, expected errors and causes by receiver."""
+    run, matrix = project.simulate(), turning(SCENES[name], turn)
+    wanted = exact(name, 4000, round(0.25 * project.duration, 3) / 1000.0)
     rows = {row.name: row for row in project.accuracy.rows}
     times = round(0.25 * project.duration, 3) / 1000.0 * np.arange(4000)
     receivers, asked = {}, project.config.mesh.accuracy
@@ -277,9 +279,17 @@ def measured(name):
             "expected_peak": round(row.peak, 4),
             "said": bool(row.waveform > FOUND * asked),
         }  # fmt: skip
-    every = receivers.values()
+    return receivers, run
+
+
+def measured(name):
+    """Return the row of a scene and turn: errors, expected errors and causes by receiver."""
+    scene, turn = name.rsplit(", ", 1)
+    own = project(scene, turn, tempfile.mkdtemp())
+    receivers, run = compared(own, scene, turn)
+    every, asked = receivers.values(), own.config.mesh.accuracy
     return {
-        "receivers": receivers, "asked": asked, "elements": project.meshed.reason.split(",")[0],
+        "receivers": receivers, "asked": asked, "elements": own.meshed.reason.split(",")[0],
         "error": max(each["error"] for each in every),
         "expected": max(each["expected"] for each in every),
         "silent": sum(each["error"] > FOUND * asked and not each["said"] for each in every),

@@ -44,7 +44,7 @@ def test_a_body_is_named_with_its_place_size_and_sign(name):
     assert done.summary["held_out"]["improves"]
 
 
-def test_a_body_without_its_class_is_unknown_although_an_error_at_its_receiver_passes_all_else():
+def test_a_body_without_its_class_is_located_although_an_error_at_its_receiver_passes_all_else():
     done = diagnosed("beside R3", asked=False)
     decision = done.decision
     (wrong,) = decision.best.effects
@@ -55,6 +55,12 @@ def test_a_body_without_its_class_is_unknown_although_an_error_at_its_receiver_p
     assert decision.cross_validation.supports
     assert decision.open_set > OPEN_SET
     assert body_explains_more(done.search, decision.best)
+    (point,) = done.summary["located"]["points"]
+    away = np.linalg.norm([point[axis] for axis in "xyz"] - np.array(BODIES["beside R3"].centre))
+    assert away < point["within_m"] < 50.0
+    assert point["change"]["cs"] < -0.05
+    assert len(done.summary["located"]["cells"]["score"]) > 20
+    assert any("a change of the rock at one place alone" in each for each in done.summary["fails"])
 
 
 def test_without_a_body_none_is_found_and_its_limits_are_given():

@@ -184,6 +184,10 @@ def test_ground_beyond_a_slope_is_higher_or_lower():
     assert lower.meshed.mesh.hexahedral
     assert on_ground(lower.mesh, np.add(middle, (30.0, 5.0)))[2] == pytest.approx(-6.0, abs=0.5)
     assert on_ground(lower.mesh, np.subtract(middle, (30.0, 5.0)))[2] == pytest.approx(0.0, abs=0.5)
+    beyond = applied("topography", "E", site(), height=-6.0, **knobs | {"position": 20.0}).terrain
+    away = beyond[:, 0] - (middle[0] + 20.0)
+    assert beyond[np.abs(away) < 15.5, 2].mean() == pytest.approx(-3.0)
+    assert beyond[away < -14.5, 2] == pytest.approx(0.0)
     north_east = applied("topography", "NE", site(), height=-6.0, **knobs)
     np.testing.assert_allclose(diagonal.terrain, north_east.terrain, atol=1e-9)
 

@@ -118,6 +118,38 @@ def test_first_arrivals_tell_gains_and_clocks_whatever_comes_later(echo):
         np.testing.assert_allclose(taught.share, wrong, rtol=0.1)
 
 
+def test_learned_gains_make_records_of_a_simulation():
+    simulated = np.stack([waves(), waves(late=0.01)])
+
+    taught = learned(case_of(GAINS[:, None, None] * simulated), simulated, 0.01)
+
+    np.testing.assert_allclose(
+        with_source(taught, "S1", simulated[1]), GAINS[:, None, None] * simulated[1], atol=1e-9
+    )
+
+
+def test_the_error_of_a_shot_is_judged_by_the_gain_of_the_others():
+    simulated = np.stack([waves(late=0.01 * b) for b in range(3)])
+    recorded = simulated.copy()
+    recorded[0, 2] *= 2.0  # half of its energy in each product
+
+    taught = learned(case_of(recorded), simulated, 0.01)
+
+    # Of the loud shot the others leave (1 - 1/2)^2; it gives these a gain of 1.2.
+    assert taught.share[2] == pytest.approx((0.25 + 2.0 * 0.04) / 3.0, rel=1e-6)
+
+
+def test_no_receiver_is_taken_for_better_than_the_median_one():
+    simulated = np.stack([waves(late=0.01 * b) for b in range(3)])
+    recorded = simulated.copy()
+    recorded[:, 1:] = echoed(0.8)[:, 1:]
+
+    taught = learned(case_of(recorded), simulated, 0.01)
+
+    usual = 0.8**2 / (1.0 + 0.8**2)
+    np.testing.assert_allclose(taught.share, usual, rtol=0.1)
+
+
 def test_whole_records_with_a_wrong_echo_would_tell_a_wrong_gain():
     received = GAINS[:, None, None] * echoed(-1.5)
 

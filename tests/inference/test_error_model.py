@@ -231,6 +231,10 @@ def test_levels_that_are_not_looked_at_have_no_weight(shared, size):
     assert np.all(evidences[~known] < evidences.max() - 50.0)
     mean = weight @ np.array([one.mean for one in each])
     np.testing.assert_allclose(posterior.mean, mean, atol=1e-9)
+    spread = np.array([one.mean for one in each]) - mean
+    wide = np.tensordot(weight, [one.covariance for one in each], 1)
+    wide += np.einsum("l,li,lj->ij", weight, spread, spread)
+    np.testing.assert_allclose(posterior.covariance, wide, rtol=1e-6)
 
 
 def test_evidence_is_the_same_whether_a_property_is_looked_for_or_scored(shared):

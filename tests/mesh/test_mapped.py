@@ -244,6 +244,17 @@ def test_lines_run_closer_together_through_fine_parts():
     assert divided(0.0, 100.0, 30.0).tolist() == [0.0, 25.0, 50.0, 75.0]
 
 
+@pytest.mark.parametrize("growth", [1.3, 1.5, 2.0])
+def test_elements_beside_a_fine_part_grow_as_it_says(growth):
+    part = Fine(np.zeros((3, 2)), 2.0, growth)
+
+    edges = np.diff(divided(0.0, 400.0, 60.0, [(part, (0.0, 20.0))]))
+
+    assert (edges[1:] / edges[:-1]).max() < 1.1 * growth
+    assert edges.max() < 61.0
+    assert (edges > 2.2).any()
+
+
 @pytest.mark.parametrize(
     ("sets", "faults", "open_sides", "why"),
     [

@@ -19,7 +19,7 @@ from pyblast.model.half_space import explosion as in_half_space
 from pyblast.model.material import Damping, Material
 from pyblast.model.model import Model, Receiver
 from pyblast.model.source import Column, Hole, MomentTensor, PointForce, TimeFunction
-from pyblast.solver.injection import near_receivers, patch_of, tapered
+from pyblast.solver.injection import _add_by_azimuth, near_receivers, patch_of, tapered
 from pyblast.solver.preparation import export, prepare
 from pyblast.solver.run import integrated, simulate
 from verification.solutions.full_space import Bell, explosion, moment, point_force
@@ -135,16 +135,16 @@ def test_a_deep_force_is_that_of_unbounded_rock():
 
 def test_a_deep_column_is_the_sum_of_its_points():
     points = {"5 m": (3.0, 4.0, -90.0), "50 m": (30.0, 0.0, -130.0)}
-    column = Column(np.array([0.0, 0.0, -96.0]), np.array([0.0, 0.0, -84.0]), 1.0, 0.0, RATE)
+    column = Column(np.array([0.0, 0.0, -92.0]), np.array([0.0, 0.0, -88.0]), 1.0, 0.0, RATE)
     model = model_of([column], (30.0, 30.0), points, ALL)
 
     records = simulate(model, DURATION).seismograms
 
     for name, at in points.items():
-        places, delays = column.points(60)
+        places, delays = column.points(20)
         wanted = sum(
             1e9
-            / 60
+            / 20
             * moment(records[name].times - late, at - place, column.tensor(ROCK), BELL, ROCK)
             for place, late in zip(places, delays, strict=True)
         )
@@ -166,9 +166,10 @@ def test_a_shallow_couple_moves_near_receivers_as_an_independent_integral_says()
 
 
 def test_a_shallow_column_is_the_sum_of_its_points():
-    column = Column(np.array([0.0, 0.0, -14.0]), np.array([0.0, 0.0, -4.0]), 1.0, 0.0, RATE)
-    places, delays = column.points(40)
-    tensor = column.tensor(ROCK) / 40
+    ends = np.array([0.0, 0.0, -14.0]), np.array([0.0, 0.0, -4.0])
+    column = Column(*ends, 1.0, 0.0, RATE, sources=8)
+    places, delays = column.points(8)
+    tensor = column.tensor(ROCK) / 8
     points = [MomentTensor(at, tensor, t, RATE) for at, t in zip(places, delays, strict=True)]
     near = {name: POINTS[name] for name in ("5 m", "20 m")}
 
@@ -189,6 +190,27 @@ def test_a_shallow_column_is_the_sum_of_its_points():
 def test_what_is_not_injected_under_a_free_surface_leaves_an_explosion_beside_it(source):
     assert "on a free surface and columns that lean" in patch_of(model_of([source]))
     assert patch_of(model_of([source, hole((0.0, 0.0, -8.0))])).sources == (1,)
+
+
+@pytest.mark.parametrize("order", [0, 1, 2])
+def test_waves_of_a_source_that_is_turned_are_turned_with_it(order):
+    rng, angle = np.random.default_rng(order), 0.7
+    waves, azimuth = rng.normal(size=(5, 4, 3)), rng.uniform(0.0, 6.0, 5)
+    turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    cosine, sine = rng.normal(size=2)
+    by = order * angle
+    amplitudes = {
+        0.0: (cosine, sine),
+        angle: (np.cos(by) * cosine - np.sin(by) * sine, np.cos(by) * sine + np.sin(by) * cosine),
+    }
+
+    still, turned = (np.zeros((5, 4, 3)) for _ in range(2))
+    for total, (late, own) in zip((still, turned), amplitudes.items(), strict=True):
+        ray = np.column_stack([np.cos(azimuth + late), np.sin(azimuth + late)])
+        _add_by_azimuth(total, 0, waves, ray, order, *own)
+
+    np.testing.assert_allclose(turned[..., :2], still[..., :2] @ turn.T, atol=1e-12)
+    np.testing.assert_allclose(turned[..., 2], still[..., 2], atol=1e-12)
 
 
 def test_holes_superpose_with_delays_between_the_steps():

@@ -214,7 +214,7 @@ def test_what_has_no_row_is_not_answered(monkeypatch):
     assert "None of 2 registered cases is answered" in text
     for target in TARGETS:
         line = next(line for line in text.splitlines() if line.startswith(f"| {target.words} |"))
-        assert line.endswith("| not answered | | 0 | not answered |")
+        assert line.endswith("| not answered | | 0 | too few cases |")
 
 
 def test_the_page_shows_each_first_answer_beside_the_others(monkeypatch):

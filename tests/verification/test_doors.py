@@ -1,0 +1,62 @@
+"""Cases of the suite through project files, and how their table is marked; all: ./dev doors."""
+
+import re
+
+import numpy as np
+import pytest
+
+from pyblast.signals.seismogram import Seismogram
+from verification import doors
+from verification.page import FAILS
+from verification.rows import read_rows
+
+ROWS = read_rows(doors.OUT)
+MOTION = Seismogram(np.outer(np.hanning(201), [0.01, 0.0, 0.0]), 5e-4)
+
+
+@pytest.mark.parametrize("name", ["column, P, auto", "linear joint, P, hexahedra"])
+def test_a_case_through_a_project_file_is_within_the_error_it_states(name):
+    row = doors.measured(name)
+
+    assert row["within_stated"]
+    assert row["error"] < 0.02
+
+
+def test_a_pulse_is_delayed_and_turned_by_its_spectrum():
+    pulse = doors.Pulse(MOTION, (1.0, 0.0, 0.0))
+
+    late = pulse.passed(-1.0, 0.05)
+
+    assert late == pytest.approx(
+        -np.interp(pulse.times - 0.05, pulse.times, pulse.values), abs=1e-9
+    )
+
+
+def test_a_plane_stronger_than_its_wave_lets_it_through_and_a_weaker_one_clips_it(monkeypatch):
+    pulse, place = doors.Pulse(MOTION, (1.0, 0.0, 0.0)), (0.0, 0.0, 0.0)
+    clipped = doors.slid(pulse, place)
+    monkeypatch.setattr(doors, "SLIPS", 1e9)
+
+    assert clipped.max() == pytest.approx(0.4 * doors.AMPLITUDE)
+    assert doors.slid(pulse, place)[:, 0] == pytest.approx(pulse.values, abs=1e-2 * doors.AMPLITUDE)
+
+
+def test_each_mark_of_the_table_follows_from_the_numbers_before_it():
+    lines = [line for line in doors.table(ROWS) if line.startswith("| ")][1:]
+    cells = re.findall(r"([\d.e+-]+) \(([\d.e+-]+); [\d.]+\) (\S+|<.*?>✗</span>)", "".join(lines))
+
+    assert len(cells) == len(ROWS)
+    for error, stated, mark in cells:
+        assert mark.startswith("✓") == (float(error) <= float(stated)), (error, stated)
+    beyond = sum(not row["within_stated"] for row in ROWS.values())
+    assert "".join(lines).count(FAILS) == beyond
+
+
+def test_every_row_names_what_it_is():
+    for name, row in ROWS.items():
+        assert f"{row['case']}, {row['element']}" == name
+        assert row["within_stated"] == (row["error"] <= row["stated"])
+        assert row["within_asked"] == (row["error"] <= row["asked"])
+        assert row["element"] in ("auto", row["built"].split()[0])
+        assert row["date"]
+        assert row["program"]
