@@ -15,7 +15,7 @@ from .thresholds import (
     CONSTRAINED,
     DECISIVE,
     FEW_SUBSETS,
-    GAIN_KEPT,
+    GAIN_LEFT,
     LEAST_LOSS,
     STANDARD_ERRORS,
 )
@@ -78,9 +78,9 @@ class CrossValidation:
         if len(gains) <= FEW_SUBSETS:
             gaining = all(gain > 0.0 for gain in gains)
             return len(gains) > 1 and self.delta_ln_likelihood > DECISIVE and gaining
-        kept = self.delta_ln_likelihood / max(sum(np.maximum(gains, 0.0)), LEAST_LOSS)
+        alone = float(np.sum(np.maximum(gains, 0.0)))  # without the subsets that lose
         significant = self.delta_ln_likelihood > STANDARD_ERRORS * self.standard_error
-        return bool(significant and kept >= GAIN_KEPT)
+        return bool(significant and self.delta_ln_likelihood >= GAIN_LEFT * alone)
 
     @property
     def supports(self) -> bool:

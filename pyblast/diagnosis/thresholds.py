@@ -146,8 +146,8 @@ LEAST_LOSS = _enter(
     "Loss of a held-out subset that does not count against an effect; a subset of which it says "
     "less is none", "assumed",
 )  # fmt: skip
-GAIN_KEPT = _enter(
-    "GAIN_KEPT", 0.75, "gain",
+GAIN_LEFT = _enter(
+    "GAIN_LEFT", 0.75, "gain",
     "Share of what held-out subsets gain that must be left after what others lose", "assumed",
 )  # fmt: skip
 STANDARD_ERRORS = _enter(
