@@ -15,7 +15,7 @@ from .thresholds import (
     CONSTRAINED,
     DECISIVE,
     FEW_SUBSETS,
-    GAINING_SUBSETS,
+    GAIN_LEFT,
     LEAST_LOSS,
     STANDARD_ERRORS,
 )
@@ -78,9 +78,9 @@ class CrossValidation:
         if len(gains) <= FEW_SUBSETS:
             gaining = all(gain > 0.0 for gain in gains)
             return len(gains) > 1 and self.delta_ln_likelihood > DECISIVE and gaining
-        share = np.mean([gain > -LEAST_LOSS for gain in gains])
+        alone = float(np.sum(np.maximum(gains, 0.0)))  # without the subsets that lose
         significant = self.delta_ln_likelihood > STANDARD_ERRORS * self.standard_error
-        return bool(significant and share >= GAINING_SUBSETS)
+        return bool(significant and self.delta_ln_likelihood >= GAIN_LEFT * alone)
 
     @property
     def supports(self) -> bool:

@@ -201,12 +201,15 @@ def body_explains_more(search: Search, chosen: Fit) -> tuple[str, ...]:
 
 
 def undecided(search: Search) -> Decision:
-    """Return the decision on a search from which nothing can be concluded about effects."""
+    """Return the decision on a search from which nothing can be concluded about effects.
+
+    Records that could test no effect of the library don't show that none is there.
+    """
     without = search.without_effects
     scored = search.scored_beside(without)
     far = np.max(np.abs(without.values / search.scene.baseline.sigma), initial=0.0) > FAR_OFF
-    outcome = "UNKNOWN" if scored or far or material(without.chi_square) else "NULL"
-    return Decision(outcome, without, (), _probabilities(search), 0.0, None)
+    open_ = search.scores is None or scored or far or material(without.chi_square)
+    return Decision("UNKNOWN" if open_ else "NULL", without, (), _probabilities(search), 0.0, None)
 
 
 def beside_held_out(decision: Decision, held_out: dict | None) -> Decision:

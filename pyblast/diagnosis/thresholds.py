@@ -146,9 +146,10 @@ LEAST_LOSS = _enter(
     "Loss of a held-out subset that does not count against an effect; a subset of which it says "
     "less is none", "assumed",
 )  # fmt: skip
-GAINING_SUBSETS = _enter(
-    "GAINING_SUBSETS", 0.75, "subsets", "Held-out subsets that must not lose", "assumed"
-)
+GAIN_LEFT = _enter(
+    "GAIN_LEFT", 0.75, "gain",
+    "Share of what held-out subsets gain that must be left after what others lose", "assumed",
+)  # fmt: skip
 STANDARD_ERRORS = _enter(
     "STANDARD_ERRORS", 2.0, "standard errors", "Least sum of the gains of held-out subsets",
     "assumed",

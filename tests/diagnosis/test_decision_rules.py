@@ -16,6 +16,7 @@ from pyblast.diagnosis.decision import (
     beside_held_out,
     more_remains,
     open_set_ratio,
+    undecided,
     wide_covariance,
 )
 from pyblast.diagnosis.scores import SiteScores, _Limit, _limit_row, _scaled, main_blasts
@@ -64,6 +65,17 @@ def search_of(blasts, *evidences):
         without_effects=none, fits=fits, scene=SimpleNamespace(case=case),
         delta_ln_evidence=lambda fitted: fitted.gain,
     )  # fmt: skip
+
+
+@pytest.mark.parametrize(("scores", "outcome"), [(None, "UNKNOWN"), ("some", "NULL")])
+def test_records_that_can_test_no_effect_do_not_show_that_none_is_there(scores, outcome):
+    search = search_of(1)
+    search.scores, search.scored_beside = scores, lambda _: False
+    search.scene.baseline = SimpleNamespace(sigma=np.ones(2))
+    search.without_effects.values = np.zeros(2)
+    search.without_effects.chi_square = np.ones((1, 1))
+
+    assert undecided(search).outcome == outcome
 
 
 def test_a_blast_that_is_fired_again_makes_no_answer_more_probable():

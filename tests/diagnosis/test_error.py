@@ -60,6 +60,15 @@ def test_few_folds_must_all_gain_and_many_need_not_gain_alike():
     assert not proof(30.0, -3.0, -2.0, 1.0, 0.0)
 
 
+def test_what_folds_lose_counts_by_its_size_and_not_by_their_number():
+    def proof(*gains):
+        return CrossValidation(tuple(Subset("", gain, 0.0, 0.0) for gain in gains)).improves
+
+    gaining = (60.0, 70.0, 50.0, 65.0, 55.0, 60.0)
+    assert proof(*gaining, -1.0, -2.0, -1.0, -3.0)
+    assert not proof(*gaining, -40.0, -45.0, -35.0)
+
+
 def test_motion_that_joints_alone_set_does_not_depend_on_density():
     """By dimensions motion is f(k / density) / density: without density where f is its inverse."""
     case = small_case()

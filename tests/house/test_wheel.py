@@ -20,6 +20,7 @@ pytestmark = pytest.mark.long
 def run(*command, cwd):
     own = {**os.environ, "PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}"}
     own.pop("PYTHONPATH", None)
+    own["OMP_NUM_THREADS"] = str(os.cpu_count())  # tests have one each
     done = subprocess.run(
         [str(part) for part in command], cwd=cwd, env=own, capture_output=True, text=True,
         check=False,
