@@ -19,7 +19,6 @@ import numpy as np
 
 from pyblast import back_analyse
 from pyblast.config.config import check_config
-from pyblast.config.section import changed_tables
 from pyblast.files import write_text
 from pyblast.project.project import make_project
 from pyblast.project.result import write_csv
@@ -89,10 +88,8 @@ def searched(folder):
     ]
     wall = {"name": "wall", "position_m": [261, 150], "azimuth_deg": 270}
     wall["recorded"] = {"file": str(folder / "wall.csv"), "bearing_deg": 270}
-    more = {"receivers": [wall], "back_analysis": {"parameters": rows, "seed": SEED}}
-    starts = {path: start for path, (_, _, start, *_) in RANGES.items()}
-    wrong = changed_tables(check_config(tables(COARSE, **more)), starts)
-    coarse = make_project(check_config(wrong), HERE / "project.toml")
+    coarse = project(COARSE, receivers=[wall], back_analysis={"parameters": rows, "seed": SEED})
+    coarse = coarse.set({path: start for path, (_, _, start, *_) in RANGES.items()})
     found, out = back_analyse(coarse, folder)
     numbers = json.loads((out / RESULT).read_text(encoding="utf-8"))
     (confirmed,) = found.confirmed.values()

@@ -78,9 +78,9 @@ class CrossValidation:
         if len(gains) <= FEW_SUBSETS:
             gaining = all(gain > 0.0 for gain in gains)
             return len(gains) > 1 and self.delta_ln_likelihood > DECISIVE and gaining
-        alone = float(np.sum(np.maximum(gains, 0.0)))  # without the subsets that lose
+        gained = float(np.sum(np.maximum(gains, 0.0)))  # by the subsets that lose nothing
         significant = self.delta_ln_likelihood > STANDARD_ERRORS * self.standard_error
-        return bool(significant and self.delta_ln_likelihood >= GAIN_LEFT * alone)
+        return bool(significant and self.delta_ln_likelihood >= GAIN_LEFT * gained)
 
     @property
     def supports(self) -> bool:

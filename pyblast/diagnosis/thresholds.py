@@ -143,8 +143,7 @@ ORDINARY = _enter(
 # Cross-validation
 LEAST_LOSS = _enter(
     "LEAST_LOSS", 0.5, EVIDENCE,
-    "Loss of a held-out subset that does not count against an effect; a subset of which it says "
-    "less is none", "assumed",
+    "Expected gain of a subset by the effect, below which it is not held out", "assumed",
 )  # fmt: skip
 GAIN_LEFT = _enter(
     "GAIN_LEFT", 0.75, "gain",

@@ -15,7 +15,7 @@ from ..diagnosis.decision import (
 )
 from ..diagnosis.fitting import Fit
 from ..diagnosis.hypotheses import LIBRARY
-from ..diagnosis.search import material, means
+from ..diagnosis.search import SCORES, material, means
 from ..diagnosis.summary import (
     acts,
     diagnosis_lines,
@@ -61,7 +61,7 @@ MEANINGS = {
     "CLASS": "an effect is missing; these records cannot distinguish between a few",
     "COMPOSITE": "several effects are missing together, and each is needed",
     "PARTIAL": "an effect explains much, but not all of it is explained or tested",
-    "UNKNOWN": "something is missing that no effect that could be asked explains",
+    "UNKNOWN": "no effect that could be asked explains these records, or none could be asked",
     "MISTAKE": "records or hole tables hold a mistake; the ground has not been judged",
 }
 USUAL = {
@@ -170,15 +170,11 @@ def lead(diagnosis: Diagnosed, summary: dict) -> str:
 def _answer(diagnosis, summary):
     """Return what was found in a few sentences."""
     outcome, decision = summary["outcome"], diagnosis.decision
+    without = diagnosis.search.without_effects
     if outcome == "MISTAKE":
         plain_acts = [row["act"] for row in summary["mistakes"]]
         return f"A mistake in the records comes first: {'; '.join(plain_acts)}."
     if outcome == "NULL":
-        if not summary["evidence"]["scores"]:
-            return (
-                "Nothing is missing that these records could show: the calibrated site explains "
-                "the records of all receivers within noise and model error."
-            )
         which = "every effect of the library was scored"
         if not_asked(summary):
             which = f"every effect but {joined_by_and(list(not_asked(summary)))} was scored"
@@ -193,11 +189,16 @@ def _answer(diagnosis, summary):
             "the error explains. What would have been detected is listed below."
         )
     if outcome == "UNKNOWN":
+        if not (summary["evidence"]["scores"] or material(without.chi_square)):
+            return (
+                "These records cannot tell whether something is missing: the calibrated site "
+                f"explains them within noise and model error, but {_why_not(summary)}."
+            )
         said = f"Something is missing{_near(summary['located'])}, and {_why_not(summary)}."
         return f"{_not_asked(summary)}{said}{_alike(summary['located'])}"
     sentences = [f"{claim} ({label})." for label, claim in claims(decision.fit)]
     basis = f"This explains {share(summary)} of the misfit that exceeds noise and model error, "
-    if not material(diagnosis.search.without_effects.chi_square):
+    if not material(without.chi_square):
         basis = "The misfit is small, but more than the learned error of this site explains, "
     if summary["held_out"]["subsets"]:
         basis += "and it predicts held-out records."
@@ -276,6 +277,8 @@ def _why_not(summary):
                 "prior deviations off, and no effect of the library scores"
             )
         return "what scores in the library could not be fitted"
+    if any(row["part"] == SCORES for row in summary["not_computed"]):
+        return "the scores of its effects could not be computed"
     if not evidence["ranking"]:
         return "these records can test no effect of the library, so none was tried"
     if tested is None and not summary["finished"]:

@@ -104,6 +104,23 @@ def test_a_slow_clock_is_named_with_its_place_and_time():
     assert re.search(r"clock_error receiver R2 shift 1[5-7]", text("NAMED"))
 
 
+@pytest.mark.parametrize(("size", "begins"), [
+    (1.0, "These records cannot tell whether something is missing"), (30.0, "Something is missing"),
+])  # fmt: skip
+def test_records_that_can_test_nothing_say_that_something_is_missing_by_their_misfit_alone(
+    size, begins
+):
+    found, summary = made("NULL")
+    chi_square = np.full_like(found.search.without_effects.chi_square, size)
+    without = replace(found.search.without_effects, chi_square=chi_square)
+    silent = replace(found, search=replace(found.search, without_effects=without))
+
+    told = lead(silent, summary | {"outcome": "UNKNOWN"})
+
+    assert begins in told
+    assert "these records can test no effect of the library" in told
+
+
 def test_the_view_colours_receivers_by_the_misfit_of_the_site_without_effects():
     found, summary = made("NAMED")
 

@@ -272,6 +272,17 @@ def test_the_registration_has_enough_cases_and_the_page_all_thresholds():
     )
 
 
+def test_thresholds_that_came_or_went_are_told(monkeypatch):
+    kept = threshold_rows()[0]
+    known = {"thresholds": {kept.name: kept.value, "GONE": 2.0}}
+    monkeypatch.setattr(registered, "registered", lambda: known)
+    told = registered.changed_thresholds()
+
+    assert told[0] == "`GONE` 2 → none"
+    assert len(told) == len(threshold_rows())
+    assert all(" none → " in one for one in told[1:])
+
+
 def test_digests_do_not_depend_on_the_last_digits_of_a_machine():
     assert digest_of({"kn": 1.0 / 3.0}) == digest_of({"kn": 1.0 / 3.0 + 1e-16})
     assert digest_of({"kn": 1.0}) != digest_of({"kn": 1.0 + 1e-6})

@@ -149,6 +149,14 @@ def page(table: dict) -> str:
 
 def changed_thresholds() -> list[str]:
     """Return the thresholds that are others now than registered, in words."""
-    before, now = registered().get("thresholds", {}), threshold_rows()
-    return [f"`{row.name}` {before.get(row.name)} → {row.value:.4g}"
-            for row in now if before.get(row.name) != row.value]  # fmt: skip
+    before = registered().get("thresholds", {})
+    now = {row.name: row.value for row in threshold_rows()}
+    return [
+        f"`{name}` {_value(before.get(name))} → {_value(now.get(name))}"
+        for name in dict.fromkeys((*before, *now)) if before.get(name) != now.get(name)
+    ]  # fmt: skip
+
+
+def _value(threshold):
+    """Return a threshold in words."""
+    return "none" if threshold is None else f"{threshold:.4g}"
