@@ -232,7 +232,7 @@ class Accuracy:
         return min(map(max, (highest_frequency(each, LOW) for each in self.after), least))
 
     def _sent_back(self, points, wider=0.0):
-        """Return the share of the motion by viscous sides, but the top farther away by padding in m.
+        """Return the share of the motion by viscous sides, but the top farther away by some m.
 
         Of the image of the source in each side, by plane waves and, as dashpots are made for those,
         by what a wave from a point differs from them; theory.md (4.5c).
