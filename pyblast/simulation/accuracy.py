@@ -260,11 +260,11 @@ class Accuracy:
         """
         worst = max(self.rows, key=lambda row: row.parts["sides"])
         places = {each.name: each.position for each in self.model.receivers}
-        way = self._way(np.asarray(places[worst.name], dtype=float))
+        points = self._way(np.asarray(places[worst.name], dtype=float))
         own = 0.0 if self.model.sponge is None else self.model.sponge.width
         widths = np.arange(WIDER * np.floor(own / WIDER), WIDEST, WIDER) + WIDER
-        sent = [self._sent_back(way, width - own) for width in widths]
-        enough = np.flatnonzero(np.array(sent) <= share)
+        shares = [self._sent_back(points, width - own) for width in widths]
+        enough = np.flatnonzero(np.array(shares) <= share)
         return float(widths[enough[0]]) if len(enough) else None
 
     def _row(self, name, position, near):

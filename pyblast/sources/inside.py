@@ -85,8 +85,8 @@ class Inside:
         rate = () if self.moment_rate is None else (self.moment_rate,)
         motions = [radiated(each) for each in (*rate, *self.forces, *self.tensors)]
         least = [0.25 / (each.dt * len(each.velocity)) for each in motions]  # that spectra resolve
-        found = (highest_frequency(motion, LOW) for motion in motions)
-        return min(map(max, found, least), default=None)
+        lows = (highest_frequency(motion, LOW) for motion in motions)
+        return min(map(max, lows, least), default=None)
 
     def start(self, first: float) -> float:
         """Return the earliest start of a source where the first hole fires, s, at most 0."""
