@@ -142,11 +142,14 @@ def _rows(name, result, today):
 
 def _measured(result, today):
     """Return when and of which program a case was measured, with a mark if that is old."""
-    if "date" not in result:
-        return OLD
-    fresh = result["program"] == program()
-    fresh &= today - date.fromisoformat(result["date"]) <= WEEK
-    return f"{result['date']} {result['program']}{'' if fresh else ' ' + OLD}"
+    return f"{result.get('date', '')} {result.get('program', '')} {old(result, today)}".strip()
+
+
+def old(row, today=None):
+    """Return a mark if a row is of another program, more than a week old, or says neither."""
+    today = today or datetime.now(UTC).date()
+    fresh = "date" in row and today - date.fromisoformat(row["date"]) <= WEEK
+    return "" if fresh and row["program"] == program() else OLD
 
 
 def _order(row):

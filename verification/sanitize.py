@@ -1,10 +1,12 @@
-"""Run the kernel tests with builds that check themselves: bounds, then address and undefined.
+"""Run kernels in builds that check themselves: bounds, then address and undefined, then threads.
 
-    python -m verification.sanitize [bounds] [address]
+    python -m verification.sanitize [bounds] [address] [threads]
 
 The first build ends where an index, a pointer or an argument is wrong; the second where memory is
-read or written that is not its own, or arithmetic is undefined. What failing tests say stays in
-``build/sanitize-NAME``.
+read or written that is not its own, or arithmetic is undefined; both run the tests of the kernels.
+The third checks indices in code that is not optimized, on 1, 2 and 5 threads: it runs rows of
+`verification.bits`, whose models are large enough for threads to share a step, through both doors,
+and each has to have the bits of one thread. What fails stays in ``build/sanitize-NAME``.
 """
 
 import shutil
@@ -12,6 +14,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+from . import bits
+from .rows import read_rows
 from .scratch import ROOT, Copy
 
 TESTS = (
@@ -25,11 +29,15 @@ TESTS = (
     "tests/verification/test_every_law.py",
 )
 LONGEST = 3600.0  # s that a file of tests may take: checked builds are ten times slower
-COMMON = ("-Doptimization=1", "-Ddebug=true")
+CHECKS = "-Dfortran_args=-fcheck=all,no-array-temps"
 BUILDS = {
-    "bounds": ("-Dfortran_args=-fcheck=all,no-array-temps",),
-    "address": ("-Db_sanitize=address,undefined", "-Db_lundef=false"),
-}
+    "bounds": ("-Doptimization=1", "-Ddebug=true", CHECKS),
+    "address": (
+        "-Doptimization=1", "-Ddebug=true", "-Db_sanitize=address,undefined", "-Db_lundef=false",
+    ),
+    "threads": ("-Doptimization=0", "-Ddebug=true", CHECKS),
+}  # fmt: skip
+MOST_STEPS = 120  # of a row that the slow build runs
 
 
 def environment(name):
@@ -48,6 +56,25 @@ def environment(name):
     }
 
 
+def on_threads(copy):
+    """Run rows of bits in a copy; return those that end, or differ between numbers of threads."""
+    failed = []
+    stored = read_rows(bits.OUT)
+    out = copy.source / bits.OUT.relative_to(ROOT)
+    for name in bits.ROWS:
+        if name not in stored or stored[name]["steps"] > MOST_STEPS:
+            continue
+        done = copy.python(["-m", "verification.bits", name, "--again"], LONGEST)
+        row = read_rows(out)[name]
+        same = done.returncode == 0 and not any(row["differs"].values())
+        print(f"sanitize: threads: {name}: {'nothing' if same else 'FAILED'}", flush=True)
+        if not same:
+            failed.append(name)
+            said = done.stdout + done.stderr
+            (copy.folder / f"{len(failed)}.log").write_text(said, encoding="utf-8")
+    return failed
+
+
 def main(names):
     """Build and test; return 1 if anything is found."""
     found = False
@@ -55,9 +82,12 @@ def main(names):
         if name not in BUILDS:
             raise SystemExit(f"sanitize: no build {name}; there are {', '.join(BUILDS)}")
         print(f"sanitize: {name}: builds and tests", flush=True)
-        copy = Copy(f"sanitize-{name}", *COMMON, *BUILDS[name])
+        copy = Copy(f"sanitize-{name}", *BUILDS[name])
         if not copy.build():
             raise SystemExit(f"sanitize: the copy in {copy.folder} can't be built")
+        if name == "threads":
+            found = bool(on_threads(copy)) or found
+            continue
         for tests in TESTS:
             failed = copy.failures([tests], longest=LONGEST, **environment(name))
             found = found or bool(failed)

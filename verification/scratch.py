@@ -81,14 +81,8 @@ class Copy:
         """
         named = [f"{CASE}[{t[6:]}]" if t.startswith("suite:") else t for t in tests]
         options = ["-q", "-n0", "--tb=short", f"--maxfail={most}", "-p", "no:cacheprovider"]
-        quiet = {"OMP_NUM_THREADS": "1", "PYTHONDONTWRITEBYTECODE": "1"}
-        environment = {**quiet, "PYTHONPATH": str(self.source), **environment}
         try:
-            done = subprocess.run(
-                [sys.executable, "-c", RUN_TESTS, *options, *named], cwd=self.source, text=True,
-                env={**os.environ, **environment}, capture_output=True, check=False,
-                timeout=longest,
-            )  # fmt: skip
+            done = self.python(["-c", RUN_TESTS, *options, *named], longest, **environment)
         except subprocess.TimeoutExpired as late:
             (self.folder / "tests.log").write_bytes(late.stdout or b"")
             return ["time limit"]
@@ -97,3 +91,12 @@ class Copy:
         if done.returncode:
             return [f"end of the process, {done.returncode}"]
         return json.loads(done.stdout.strip().splitlines()[-1])
+
+    def python(self, arguments, longest=900.0, **environment):
+        """Run Python in the copy, on one thread and for so many s at most; return how it ended."""
+        quiet = {"OMP_NUM_THREADS": "1", "PYTHONDONTWRITEBYTECODE": "1"}
+        environment = {**quiet, "PYTHONPATH": str(self.source), **environment}
+        return subprocess.run(
+            [sys.executable, *arguments], cwd=self.source, text=True, capture_output=True,
+            env={**os.environ, **environment}, check=False, timeout=longest,
+        )  # fmt: skip

@@ -41,7 +41,7 @@ RESULT = "diagnosis.json"
 REPORT = "report.html"
 RUNS = "runs"
 STARTED = "unfinished.json"
-RUNS_PAID = 400  # runs of a blast on the calibrated site, whose price is the budget unless given
+RUNS_PAID = 600  # runs of a blast on the calibrated site, whose price is the budget unless given
 NEAR = 1e-6  # m, tolerance for positions outside of the box
 
 

@@ -30,7 +30,10 @@ def diagnosed(name, asked=True):
         return diagnose(recorded(site, truth, fine=True).project)
 
 
-@pytest.mark.parametrize("name", BODIES)
+@pytest.mark.parametrize(
+    "name",
+    ["stiff", *(pytest.param(name, marks=pytest.mark.long) for name in ("soft", "beside R3"))],
+)
 def test_a_body_is_named_with_its_place_size_and_sign(name):
     done, truth = diagnosed(name), BODIES[name]
     (effect,) = done.summary["effects"]

@@ -2,14 +2,15 @@
 
 import re
 from dataclasses import replace
+from datetime import date, timedelta
 
 import numpy as np
 import pytest
 
 from pyblast.signals.seismogram import Seismogram
 from verification import doors
-from verification.page import FAILS
-from verification.rows import read_rows
+from verification.page import FAILS, OLD, old
+from verification.rows import program, read_rows
 
 ROWS = read_rows(doors.OUT)
 MOTION = Seismogram(np.outer(np.hanning(201), [0.01, 0.0, 0.0]), 5e-4)
@@ -105,3 +106,13 @@ def test_every_row_names_what_it_is():
         assert row["element"] in ("auto", row["built"].split()[0])
         assert row["date"]
         assert row["program"]
+
+
+def test_rows_of_another_program_or_older_than_a_week_are_marked():
+    today = date(2026, 3, 9)
+    row = {"program": program(), "date": "2026-03-02"}
+
+    assert old(row, today) == ""
+    assert old(row, today + timedelta(days=1)) == OLD
+    assert old(row | {"program": "other"}, today) == OLD
+    assert old({}, today) == OLD
