@@ -352,7 +352,7 @@ class Accuracy:
         """Joints that may slip: normal (3,), S impedance, strength at its peak and after it, Pa."""
         if self.inside:  # how strong their waves arrive is not known before a run
             return []
-        density, mesh, found = self.model.zone_values("density"), self.model.mesh, []
+        density, mesh, joints = self.model.zone_values("density"), self.model.mesh, []
         for joint in self.model.joints:
             if JOINT_LAWS[joint.law].linear:
                 continue
@@ -365,8 +365,8 @@ class Accuracy:
                 pressure = -np.einsum("i,ijn,j->n", normal, stress, normal)
             zone = self._zones[0].query(points)[1]
             impedance = float((density[zone] * self._speeds[zone]).min())
-            found.append((normal, impedance, *_strengths(joint, float(pressure.min()))))
-        return found
+            joints.append((normal, impedance, *_strengths(joint, float(pressure.min()))))
+        return joints
 
     def _slipped(self, velocity):
         """Return velocities (n, 3) behind joints that slip, one for each: shear is clipped."""
@@ -404,7 +404,7 @@ class Accuracy:
             impedance = self.model.zone_values("density")[ends] * self._speeds[ends]
             ratio = min(1.0, float(impedance[1] / impedance[0]))
 
-        def way(lag):
+        def transfer(lag):
             x = turn * total + lag
             ring = 1.0 / (np.cos(up * x) - 1j * ratio * np.sin(up * x))
             return (np.exp(1j * (1.0 - up) * x) * ring)[:, None]
@@ -413,8 +413,8 @@ class Accuracy:
         if self.model.mesh.hexahedral:
             half = np.clip(0.5 * turn * time_step(self.model)[0], 1e-12, 1.0)
             led = -turn * total * (np.arcsin(half) / half - 1.0)
-        right = way(0.0)
-        return way(phase) / right, way(led) / right, np.abs(right)
+        right = transfer(0.0)
+        return transfer(phase) / right, transfer(led) / right, np.abs(right)
 
     def _phase(self, frequency, zone, time, depth):
         """Return the phase errors (m,) in rad of a way through zones, by frequency."""
@@ -461,7 +461,7 @@ def _share(change, motion):
 
 
 def _strengths(joint: Joint, pressure: float) -> tuple[float, float]:
-    """Return the shear that a joint bears under a pressure, at its peak and after it, in Pa.
+    """Return the shear strength of a joint under a pressure, at its peak and after it, in Pa.
 
     Beyond the shear at rest; roughness, which strengthens a joint, is left out.
     """
@@ -469,8 +469,8 @@ def _strengths(joint: Joint, pressure: float) -> tuple[float, float]:
     cohesion, friction = given.get("cohesion", 0.0), given.get("friction", 0.0)
     after = given.get("friction_residual", given.get("friction_dynamic", friction))
     peak = cohesion + friction * max(pressure, 0.0) - rest
-    left = given.get("cohesion_residual", cohesion) + after * max(pressure, 0.0) - rest
-    return max(peak, 0.0), max(left, 0.0)
+    residual = given.get("cohesion_residual", cohesion) + after * max(pressure, 0.0) - rest
+    return max(peak, 0.0), max(residual, 0.0)
 
 
 def _length(whole, passed):
