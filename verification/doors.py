@@ -56,7 +56,7 @@ STIFF, FILL = 0.5 * Z * TURN, 0.5 * Z  # Pa/m and Pa s/m
 SLIPS, SPRING = 0.4 * ZS * AMPLITUDE, 20.0 * ZS * TURN  # Pa and Pa/m
 ACROSS = 60.0, 100.0, 140.0  # m, heights of a joint that slips, of its receiver, of the model
 LAYER = 20.0, 120.0  # m of soil on rock
-PADDED = {"padding_m": 60.0, "padding_edge_m": 20.0}  # of tetrahedra with sources inside
+PADDED = {"padding_m": 60.0, "padding_edge_m": 20.0}  # of tetrahedra, at a scene's scale of 1
 
 
 @dataclass(frozen=True)
@@ -298,7 +298,8 @@ DOORS = {
 }  # fmt: skip
 OF_SCENES = {"explosion, near": "17", "force, near": "17", "force on the surface": "13, 15",
              "explosion, 20 m deep": "14", "couple below soil": "23",
-             "couple beside a level joint": "6"}  # fmt: skip
+             "couple beside a level joint": "6", "force on the surface, over 1 km": "13, 15",
+             "LOH.1": "23", "LOH.3": "23, 25"}  # fmt: skip
 ROWS = {f"{case}, {element}": (case, element) for case in (*DOORS, *OF_SCENES)
         for element in ELEMENTS
         if element != "hexahedra" or case in OF_SCENES or DOORS[case].hexahedra}  # fmt: skip
@@ -344,7 +345,8 @@ def measured(name):
             project = project_of(DOORS[case], element, folder)
             errors = compared(DOORS[case], project)
         else:
-            padded = PADDED if element == "tetrahedra" else {}
+            scale = scenes.ALL[case].scale if element == "tetrahedra" else 0.0
+            padded = {key: scale * length for key, length in PADDED.items() if scale}
             project = scenes.project(case, "0", folder, **ELEMENTS[element], **padded)
             receivers, _ = scenes.compared(project, case, "0")
             errors = {key: one["error"] for key, one in receivers.items()}
