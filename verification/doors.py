@@ -56,7 +56,8 @@ STIFF, FILL = 0.5 * Z * TURN, 0.5 * Z  # Pa/m and Pa s/m
 SLIPS, SPRING = 0.4 * ZS * AMPLITUDE, 20.0 * ZS * TURN  # Pa and Pa/m
 ACROSS = 60.0, 100.0, 140.0  # m, heights of a joint that slips, of its receiver, of the model
 LAYER = 20.0, 120.0  # m of soil on rock
-PADDED = {"padding_m": 60.0, "padding_edge_m": 20.0}  # of tetrahedra, at a scene's scale of 1
+PADDED = {"padding_m": 60.0, "padding_edge_m": 20.0}  # of tetrahedra with sources inside
+WIDELY = {"padding_m": 60.0, "padding_edge_m": 30.0}  # of standard scenes, times their scale
 
 
 @dataclass(frozen=True)
@@ -336,6 +337,12 @@ def compared(door, project):
     return errors
 
 
+def padding_of(case):
+    """Return the keys of the padding around the tetrahedra of a scene."""
+    keys = WIDELY if case in scenes.STANDARD else PADDED
+    return {key: scenes.ALL[case].scale * length for key, length in keys.items()}
+
+
 def measured(name):
     """Return the row of a case on an element."""
     case, element = ROWS[name]
@@ -345,8 +352,7 @@ def measured(name):
             project = project_of(DOORS[case], element, folder)
             errors = compared(DOORS[case], project)
         else:
-            scale = scenes.ALL[case].scale if element == "tetrahedra" else 0.0
-            padded = {key: scale * length for key, length in PADDED.items() if scale}
+            padded = padding_of(case) if element == "tetrahedra" else {}
             project = scenes.project(case, "0", folder, **ELEMENTS[element], **padded)
             receivers, _ = scenes.compared(project, case, "0")
             errors = {key: one["error"] for key, one in receivers.items()}

@@ -61,13 +61,14 @@ def drawn() -> list[dict]:
     return rows
 
 
-def expected(row: dict, sensors) -> list[str]:
-    """Return what is right to name."""
+def expected(row: dict, survey) -> list[str]:
+    """Return what is right to name: both sensors that are swapped."""
     if row["kind"] == "null":
         return []
     if row["kind"] == "sensor":
-        name = sensors[row["sensor"]]
-        return [f"{name} {row['what']}"]
+        name = sorted(dict.fromkeys(survey.sensors))[row["sensor"]]
+        spoilt = sorted([name, partner(name, survey)]) if row["what"] == "swap" else [name]
+        return [f"{each} {row['what']}" for each in spoilt]
     if row["kind"] == "loss":
         return ["loss"]
     return ["speeds"] if row["kind"] == "speeds" else [row["truth"].rstrip("0123456789. ")]
@@ -153,14 +154,20 @@ def spoiled(row: dict, records, survey):
     if row["what"] == "place":
         return records
     index = {pair: k for k, pair in enumerate(zip(survey.drops, survey.sensors, strict=True))}
-    partners = [b for d, b in index if (d, name) in index and b != name]
-    other = max(dict.fromkeys(partners), key=partners.count)
+    other = partner(name, survey)
     changed = records.copy()
     for drop in dict.fromkeys(survey.drops):
         if (drop, name) in index and (drop, other) in index:
             a, b = index[drop, name], index[drop, other]
             changed[[a, b]] = records[[b, a]]
     return changed
+
+
+def partner(name, survey) -> str:
+    """Return the sensor that recorded most of the drops that one recorded, the first of several."""
+    pairs = dict.fromkeys(zip(survey.drops, survey.sensors, strict=True))
+    others = [sensor for drop, sensor in pairs if (drop, name) in pairs and sensor != name]
+    return max(dict.fromkeys(others), key=others.count)
 
 
 def tried(row: dict, survey, bank, folder) -> dict:
@@ -173,12 +180,8 @@ def tried(row: dict, survey, bank, folder) -> dict:
     if row.get("what") == "first 20 us":
         records.ends[:] = records.arrivals + 16e-6
     answer = judge(records, bank, ratios=(1.0,))
-    names = sorted(dict.fromkeys(survey.sensors))
-    right_names = expected(row, names)
-    named = answer["named"]
+    right_names, named = expected(row, survey), answer["named"]
     right = named == [] if not right_names else set(right_names) <= set(named)
-    if row["kind"] == "sensor" and row["what"] == "swap":
-        right = any(mark == right_names[0] for mark in named)
     gain = answer.get("gain_held_out", {})
     return {
         **row, "concealed": row["kind"] != "null", "outcome": answer["outcome"], "named": named,

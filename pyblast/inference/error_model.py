@@ -232,7 +232,7 @@ class Scores:
             without, gain = np.tensordot(powers, evidence, 1), np.tensordot(powers, bayes, 1)
             if self.one_sided[change]:
                 gain += np.log(2.0) + log_ndtr(np.tensordot(powers[:2], beyond, 1))
-            score = _log_sum(without + gain) - _log_sum(without)
+            score = logsumexp(without + gain, axis=0) - logsumexp(without, axis=0)
             return float(np.quantile(score, 1.0 - DETECTED)) - threshold
 
         first = high = np.sqrt(2.0 * max(threshold, 1.0) / length)
@@ -670,12 +670,6 @@ def _usual_index(n_scatter, n_coda, n_holes):
 def _flat(rows):
     """Return rows (n_rows, ...) of numbers as a matrix, also where there is none."""
     return rows.reshape(len(rows), int(np.prod(rows.shape[1:])))
-
-
-def _log_sum(values):
-    """Return the logarithm of the sum over the first axis of exponentials of finite values."""
-    most = values.max(axis=0)
-    return most + np.log(np.sum(np.exp(values - most), axis=0))
 
 
 def _products(rows, flat):

@@ -264,7 +264,8 @@ def _equal(first, second):
 
 
 DAMPING = 3.0  # times cs/width: an S wave loses a factor e on its way through and back
-DRAG = 2.5  # limit, times the lowest angular frequency and the width in S waves: more reflects
+NARROW, STEEP = 0.5, 4  # S waves of the lowest frequency in the width, below which damping falls
+SLICES = 60  # of the layer, to which its reflection is integrated
 
 
 @dataclass(frozen=True)
@@ -279,7 +280,7 @@ class SpongeLayer:
         From the box to the end of the mesh.
     lowest : float, Hz, optional
         Lowest frequency to be absorbed. A layer thinner than half of its S wavelength would
-        reflect: its damping is reduced with the width.
+        reflect more than bare dashpots: its damping falls with the fourth power of the width.
 
     Notes
     -----
@@ -312,8 +313,36 @@ class SpongeLayer:
         outside = np.maximum(0.0, np.maximum(low - places, places - high))
         outside[:, 2] = np.maximum(0.0, low[2] - places[:, 2])
         depth = np.minimum(1.0, np.linalg.norm(outside, axis=1) / self.width)
+        return self._most(speed) * depth**2
+
+    def _most(self, speed):
+        """Return the mass damping (n,) in 1/s at the end of the layer, at S speeds (n,)."""
         most = DAMPING * speed / self.width
         if self.lowest is not None:
-            waves = self.width * self.lowest / speed
-            most = np.minimum(most, DRAG * waves * 2.0 * np.pi * self.lowest)
-        return most * depth**2
+            waves = self.width * self.lowest / (NARROW * speed)
+            most = most * np.minimum(1.0, waves**STEEP)
+        return most
+
+    def reflection(self, cosine: np.ndarray, frequency: float, speed: float) -> np.ndarray:
+        """Return the share (n,) of plane SH waves that layer and dashpots at its end reflect.
+
+        Parameters
+        ----------
+        cosine : (n,) float64
+            Of the angle of incidence.
+        frequency : float, Hz
+        speed : float, m/s, of S waves
+
+        Notes
+        -----
+        theory.md (4.5b): the ratio of stress and velocity, over that of a wave straight on, goes
+        from slice to slice, back from 1 at the dashpots.
+        """
+        turned, deep = 2.0 * np.pi * frequency, (np.arange(SLICES)[::-1] + 0.5) / SLICES
+        density = 1.0 + 1j * self._most(speed) * deep**2 / turned
+        ratio = np.ones(len(cosine), dtype=complex)
+        for each in density:
+            own = np.sqrt(each - 1.0 + cosine**2)
+            turn = 1j * np.tan(own * turned * self.width / (SLICES * speed))
+            ratio = own * (ratio - own * turn) / (own - ratio * turn)
+        return np.abs((cosine - ratio) / (cosine + ratio))

@@ -108,7 +108,7 @@ def check(project, priced=False, progress=None) -> Check:
         *boundary_defects(project),
         *level_findings(project, expected_peaks(project)),
         band_finding(project, project.accuracy.band),
-        expected_error(project.accuracy.rows, project.config.mesh.accuracy),
+        expected_error(project.accuracy.rows, project.config.mesh.accuracy, _wider(project)),
         energy_finding(source_energy(project)),
         elastic_finding(project.elastic_ground, project.receivers),
         free_field(
@@ -354,19 +354,37 @@ REMEDIES = {
     "mesh": "edges for a higher mesh.frequency_hz carry more",
     "low-pass": "a higher low_pass_hz keeps more of it",
     "quality": "a narrower quality_band_hz is fitted better",
-    "sides": "hexahedra, or mesh.padding_m around tetrahedra, absorb more than dashpots",
     "joint in the layer": "its plane bends there; a larger mesh.size_m moves the layer away",
     "near source": "see finding D38",
 }
 
 
-def expected_error(rows, accuracy: float) -> Finding | None:
+def _wider(project):
+    """Return what makes sides send back less than the error that D46 finds."""
+    share = FOUND * project.config.mesh.accuracy
+    if project.mesh.layer is not None:
+        return "a larger mesh.size_m moves the layer away from the way of the waves"
+    sides = (row.parts["sides"] for row in project.accuracy.rows)
+    if max(sides, default=0.0) <= share:
+        return ""
+    padding = project.accuracy.padding_for(share)
+    if padding is None:
+        return "hexahedra (mesh.kind) have a layer that sends less back; mesh.padding_m does not"
+    return (
+        f"mesh.padding_m = {padding:.0f} and the layer of hexahedra (mesh.kind) send back less "
+        f"than {100 * share:.2g} %"
+    )
+
+
+def expected_error(rows, accuracy: float, wider: str = "") -> Finding | None:
     """D46: receivers whose expected error is above three times the accuracy asked for.
 
     Parameters
     ----------
     rows : sequence of ReceiverError
     accuracy : float
+    wider : str
+        What makes the sides send back less.
     """
     wrong = sorted((r for r in rows if r.waveform > FOUND * accuracy), key=lambda r: -r.waveform)
     if not wrong:
@@ -376,7 +394,8 @@ def expected_error(rows, accuracy: float) -> Finding | None:
         own = [row for row in wrong if row.cause == cause]
         said = [f"{100 * r.waveform:.2g} % at {r.name}" for r in own[:MOST_NAMED]]
         more = f" and {len(own) - MOST_NAMED} more" if len(own) > MOST_NAMED else ""
-        texts.append(f"by {cause} {', '.join(said)}{more} ({REMEDIES[cause]})")
+        remedy = REMEDIES.get(cause, wider)
+        texts.append(f"by {cause} {', '.join(said)}{more} ({remedy})")
     worst = wrong[0]
     return Finding(
         "D46",

@@ -181,17 +181,20 @@ def axis_limits(rows) -> tuple[tuple[float, float], tuple[float, float], tuple[f
     return x, y, z
 
 
-def make_absorbing_layer(config):
-    """Return the absorbing layer of a `Config`: given, or the padding around sources, or None."""
+def make_absorbing_layer(config, lowest=None):
+    """Return the absorbing layer of a `Config`: given, or the padding around sources, or None.
+
+    ``lowest`` is the lowest frequency in Hz of the sources, absorbed unless another is given.
+    """
     if config.absorbing_layer is not None:
         layer = config.absorbing_layer
-        return SpongeLayer(axis_limits(layer.box_m), layer.width_m, layer.lowest_hz)
+        return SpongeLayer(axis_limits(layer.box_m), layer.width_m, layer.lowest_hz or lowest)
     mesh = config.mesh
     inside = config.holes_inside or config.point_forces or config.moment_tensors
     if mesh.padding_m is None or not inside:
         return None
     ends = zip(mesh.origin_m, mesh.size_m, strict=True)
-    return SpongeLayer(axis_limits((low, low + size) for low, size in ends), mesh.padding_m)
+    return SpongeLayer(axis_limits((low, low + size) for low, size in ends), mesh.padding_m, lowest)
 
 
 def extent_of(project) -> np.ndarray:

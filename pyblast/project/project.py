@@ -384,7 +384,7 @@ class Project:
 
     def _layer_in(self, mesh, inside, receivers):
         """Return the absorbing layer around a mesh of tetrahedra."""
-        layer = None if mesh.hexahedral else make_absorbing_layer(self.config)
+        layer = None if mesh.hexahedral else make_absorbing_layer(self.config, inside.lowest)
         positions = {f"receivers.{part.name}": part.position for part in receivers}
         if inside.moment_rate is not None:
             positions |= hole_positions(self.blast)

@@ -288,13 +288,13 @@ def lowpass(seismogram: Seismogram, corner: float = LOW_PASS) -> LowPassed:
     return LowPassed(passed, removed, change, corner)
 
 
-def highest_frequency(motion: Seismogram) -> float:
-    """Return the frequency in Hz below which 95 % of the energy of a motion lies."""
+def highest_frequency(motion: Seismogram, share: float = 0.95) -> float:
+    """Return the frequency in Hz below which a share of the energy of a motion lies."""
     velocity = np.nan_to_num(motion.velocity)
     n_padded = fast_length(4 * len(velocity))  # for finer steps of frequency
     power = (np.abs(np.fft.rfft(velocity, n_padded, axis=0)) ** 2).sum(axis=1)
     frequency = np.fft.rfftfreq(n_padded, motion.dt)
-    return float(frequency[np.searchsorted(np.cumsum(power), 0.95 * power.sum())])
+    return float(frequency[np.searchsorted(np.cumsum(power), share * power.sum())])
 
 
 def _without_mean(seismogram):

@@ -1,7 +1,7 @@
 """Accuracy: expected error of waveform and peak at each receiver, and the band that a run holds."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -26,10 +26,12 @@ THIN = 8.0  # layers thinner than a wavelength over this move as one
 STIFF = 0.5  # S speed over that around the sources, of ground through which waves come
 # As `PHASE` of tetrahedra at as many edges per wavelength, and the power with which it falls.
 TETRAHEDRA = {"quadratic": (0.05, 3.0, 3.5), "linear": (0.04, 10.0, 2.0)}
-# Of the motion, what sides send back: hexahedral layers, damped ground, dashpots alone.
-# The layer sends more back where waves run along it: paths over three times its distance.
-LAYER, SPONGE, DASHPOTS = 0.008, 0.03, 0.2
-GRAZING, GROWTH, MOST_GRAZING = 3.0, 1.5, 0.12
+# Of the motion, what layers of hexahedra send back: more where waves run along them, on paths over
+# three times their distance.
+LAYER, GRAZING, GROWTH, MOST_GRAZING = 0.008, 3.0, 1.5, 0.12
+LOW = 0.15  # of the energy of the motion, below the frequency by which viscous sides are judged
+MARGIN = 1.1  # over what they send back by theory.md (4.5c)
+WIDER, WIDEST = 10.0, 1000.0  # m, steps of padding that would send less back
 BEND, BENT = 0.1, 0.08  # of an edge, beyond which a plane bends in the layer; its error
 DEEP = 1e6  # m, where no surface is free
 FOUND = 3.0  # times the accuracy asked for, from which on an expected error is a finding
@@ -214,10 +216,56 @@ class Accuracy:
             path = np.linalg.norm(points[-1] - points[0])
             ratio = path / max(away, 0.5 * float(self._zones[1].max()))
             return min(LAYER * max(1.0, ratio / GRAZING) ** GROWTH, MOST_GRAZING)
-        viscous = any(isinstance(each, Viscous) for each in self.model.boundaries)
-        if not (viscous and self.inside):
-            return 0.0
-        return DASHPOTS if self.model.sponge is None else SPONGE
+        return self._sent_back(points) if self.inside and self._viscous else 0.0
+
+    @cached_property
+    def _viscous(self):
+        """Trees of the nodes of viscous sides, by their names."""
+        mesh = self.model.mesh
+        names = {each.surface for each in self.model.boundaries if isinstance(each, Viscous)}
+        return {n: KDTree(mesh.points[np.unique(mesh.surfaces[n])]) for n in sorted(names)}
+
+    @cached_property
+    def _low(self):
+        """Frequency in Hz below which a tenth of the energy of the motion lies."""
+        least = [0.25 / (each.dt * len(each.velocity)) for each in self.after]
+        return min(map(max, (highest_frequency(each, LOW) for each in self.after), least))
+
+    def _sent_back(self, points, wider=0.0):
+        """Return the share of the motion by viscous sides, but the top farther away by some m.
+
+        Of the image of the source in each side, by plane waves and, as dashpots are made for those,
+        by what a wave from a point differs from them; theory.md (4.5c).
+        """
+        beside = np.array([name != "top" for name in self._viscous])
+        ends, sponge = points[[0, -1]], self.model.sponge
+        path = np.linalg.norm(ends[1] - ends[0])
+        away = np.array([tree.query(ends)[0] for tree in self._viscous.values()])
+        away += wider * beside[:, None]
+        across = away.sum(axis=1)
+        image = np.hypot(across, np.sqrt(np.maximum(0.0, path**2 - np.ptp(away, axis=1) ** 2)))
+        cosine, speed = across / image, float(self._speeds[self._zones[0].query(points)[1]].mean())
+        plane = (1.0 - cosine) / (1.0 + cosine)
+        if sponge is not None:
+            own = replace(sponge, width=sponge.width + wider)
+            plane = np.where(beside, own.reflection(cosine, self._low, speed), plane)
+        round_off = speed / (np.pi * self._low * across)
+        share = MARGIN * np.linalg.norm(np.hypot(plane, round_off) * path / image)
+        return min(float(share), 1.0)
+
+    def padding_for(self, share: float) -> float | None:
+        """Return the width in m of padding with which viscous sides send back less than a share.
+
+        It is that of the receiver to which they send most; None where 1 km is too little.
+        """
+        worst = max(self.rows, key=lambda row: row.parts["sides"])
+        places = {each.name: each.position for each in self.model.receivers}
+        points = self._way(np.asarray(places[worst.name], dtype=float))
+        own = 0.0 if self.model.sponge is None else self.model.sponge.width
+        widths = np.arange(WIDER * np.floor(own / WIDER), WIDEST, WIDER) + WIDER
+        shares = [self._sent_back(points, width - own) for width in widths]
+        enough = np.flatnonzero(np.array(shares) <= share)
+        return float(widths[enough[0]]) if len(enough) else None
 
     def _row(self, name, position, near):
         """Return the expected error at a receiver."""

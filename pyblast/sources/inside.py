@@ -20,6 +20,7 @@ from ..units import to_si
 QUIET_CYCLES = 3.0
 STEP_DOWN = 0.95  # between low-passes that are tried
 NEARLY = 0.95  # of the top of a band, from which on a mesh carries it
+LOW = 0.05  # of the energy, below the lowest frequency that a layer absorbs
 MOST = 2.0  # default frequency of a mesh, over that below which 95 % of the energy lies
 # Phase error in rad of the frequency for which hexahedra are made with an error of 1 %, after three
 # wavelengths; the power of frequency with which it grows; where nothing of the phase is left.
@@ -77,6 +78,15 @@ class Inside:
             },
             **{name: function for name, function in single.items() if function is not None},
         }
+
+    @property
+    def lowest(self) -> float | None:
+        """Frequency in Hz above which 95 % of the energy of each hole, force or tensor lies."""
+        rate = () if self.moment_rate is None else (self.moment_rate,)
+        motions = [radiated(each) for each in (*rate, *self.forces, *self.tensors)]
+        least = [0.25 / (each.dt * len(each.velocity)) for each in motions]  # that spectra resolve
+        lows = (highest_frequency(motion, LOW) for motion in motions)
+        return min(map(max, lows, least), default=None)
 
     def start(self, first: float) -> float:
         """Return the earliest start of a source where the first hole fires, s, at most 0."""

@@ -8,7 +8,7 @@ from small_site import BAND, CUT, DT, SAMPLES, small_site
 
 from benchmarks.blind.flat_models import flat_model
 from pyblast.errors import InputError
-from pyblast.model.boundary import DRAG, SpongeLayer
+from pyblast.model.boundary import SpongeLayer
 from pyblast.solver.run import simulate
 
 BOX = ((0.0, 120.0), (0.0, 90.0), (-60.0, 0.0))
@@ -23,8 +23,23 @@ def test_drag_grows_to_the_lesser_of_both_limits():
     held = SpongeLayer(BOX, 60.0, lowest=LOWEST).alpha(places, speed)
 
     np.testing.assert_allclose(crossed, 3.0 * 1600.0 / 60.0 * np.array([0.0, 0.25, 1.0]))
-    most = DRAG * 60.0 * LOWEST / 1600.0 * 2.0 * np.pi * LOWEST
-    np.testing.assert_allclose(held, most * np.array([0.0, 0.25, 1.0]))
+    share = (60.0 * LOWEST / 1600.0 / 0.5) ** 4  # of S waves in the width, over a half
+    np.testing.assert_allclose(held, share * crossed)
+
+
+@pytest.mark.parametrize("angle", [0.0, 30.0, 60.0, 75.0])
+def test_a_wide_layer_reflects_less_and_a_narrow_one_as_its_dashpots(angle):
+    cosine, speed = np.cos(np.radians([angle])), 1600.0
+    dashpots = float((1.0 - cosine[0]) / (1.0 + cosine[0]))
+
+    back = [
+        float(SpongeLayer(BOX, waves * speed / LOWEST, LOWEST).reflection(cosine, LOWEST, speed)[0])
+        for waves in (0.25, 0.5, 1.0, 2.0)
+    ]
+
+    assert back[0] == pytest.approx(dashpots, abs=0.03)
+    assert back[3] < back[2] < back[1]
+    assert angle == 0.0 or back[3] < dashpots
 
 
 def test_a_narrow_rim_sends_less_back_where_its_drag_is_held():

@@ -284,8 +284,8 @@ def test_what_is_left_beside_an_effect_is_said_with_its_place():
     }
 
     said = lead(found, partial)
-    place = "east 71 m, north 40 m, height -10 m (within 12 m, soft ground; in doubt: "
-    place += "inside of the blasted pattern)"
+    place = "east 71 m, north 40 m, height -10 m (within 12 m, soft ground; uncertain: "
+    place += "inside the blasted pattern)"
     assert f"But something else is missing near {place}, seen at" in said
 
 

@@ -1,10 +1,12 @@
 """Scenes with exact motion: each run says its error, however turned; all: ./dev scenes."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from pyblast.project.checks import check
 from verification import scenes
 from verification.rows import read_rows
 
@@ -18,6 +20,38 @@ def test_a_scene_is_right_however_it_is_turned(name):
 
     assert row["error"] < 0.015
     assert row["silent"] == 0
+
+
+def test_wider_padding_sends_less_back_and_no_run_states_less_than_it_does(tmp_path):
+    """Tetrahedra with 30, 90 and 150 m (0.16, 0.47 and 0.78 S waves) around an explosion."""
+    name, mesh = "explosion, 20 m deep", {"kind": "tetrahedra", "quadratic": True}
+    errors, stated = [], []
+    for width in (30.0, 90.0, 150.0):
+        padded = {"frequency_hz": 20.0, "padding_m": width, "padding_edge_m": 50.0}
+        project = scenes.project(name, "0", tmp_path, **mesh, **padded)
+        far = [scenes.compared(project, name, "0")[0][each] for each in ("2", "3")]
+        errors.append([each["error"] for each in far])
+        stated.append([each["expected"] for each in far])
+
+    assert (np.diff(errors, axis=0) < 0.0).all()
+    assert (np.array(errors) <= stated).all()
+    assert (np.array(stated) < 3.0 * np.array(errors)).all()
+
+
+def test_the_padding_that_d46_names_sends_back_what_is_accepted(tmp_path):
+    mesh = {"kind": "tetrahedra", "quadratic": True, "frequency_hz": 20.0, "accuracy": 0.05}
+    narrow = scenes.project(
+        "explosion, 20 m deep", "0", tmp_path, **mesh, padding_m=30.0, padding_edge_m=60.0
+    )
+    (found,) = [each for each in check(narrow).findings if each.code == "D46"]
+
+    width = float(re.search(r"mesh\.padding_m = (\d+)", found.text)[1])
+    wide = scenes.project(
+        "explosion, 20 m deep", "0", tmp_path, **mesh, padding_m=width, padding_edge_m=60.0
+    )
+
+    sent = [max(row.parts["sides"] for row in each.accuracy.rows) for each in (narrow, wide)]
+    assert sent[1] < 1.05 * scenes.FOUND * 0.05 < sent[0]
 
 
 def test_the_joint_of_the_solution_is_none_where_it_is_stiff(monkeypatch):
