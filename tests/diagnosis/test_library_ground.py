@@ -11,6 +11,7 @@ from scipy import fft
 from small_site import DT, SAMPLES, small_site
 
 from pyblast.config.ground import LayerConfig
+from pyblast.diagnosis.effects import starting_effects
 from pyblast.diagnosis.forward import simulation_of
 from pyblast.diagnosis.hypotheses import LIBRARY
 from pyblast.diagnosis.library.ground import Fabric
@@ -171,6 +172,17 @@ def test_a_slipping_joint_bears_its_strength_at_rest(name, strength):
     assert values["cohesion"] + values["friction"] * pressure == pytest.approx(strength)
     left = values["cohesion_residual"] + values["friction_residual"] * pressure
     assert left == pytest.approx(0.5 * strength)
+
+
+def test_slip_is_tried_with_and_without_loss_of_strength():
+    tried = starting_effects(LIBRARY["joint_slip"], "J1", scene())
+    shares = set()
+    for effect in tried:
+        (joint,) = applied(effect.name, "J1", **effect.parameters).joints
+        values = joint.properties
+        shares.add(round(values["friction_residual"] / values["friction"], 6))
+
+    assert shares == {0.5, 1.0}
 
 
 def test_a_joint_that_slips_with_depth_bears_its_strength_at_mid_height_and_more_below():

@@ -1,9 +1,9 @@
 """Cases of the proof by name: what is true of each, sealed by a digest, and how it is answered.
 
-Seven kinds: sites of an independent program with real geometry (``site``) and with flat layers
+Eight kinds: sites of an independent program with real geometry (``site``) and with flat layers
 (``flat``), sites that SPECFEM3D records (``specfem``), drawn sites with real noise (``drawn``;
-``trial`` by a seed for development), the mine of the paper (``mine``), real hits on a line of
-geophones (``real``), simulated drops of a ball on a bar of rock (``drop``).
+``fresh`` by a later seed, ``trial`` by one for development), the mine of the paper (``mine``), real
+hits on a line of geophones (``real``), simulated drops of a ball on a bar of rock (``drop``).
 """
 
 import fcntl
@@ -22,7 +22,15 @@ from typing import Any
 import numpy as np
 
 from benchmarks.blind.drawing import drawn
-from benchmarks.blind.plan import DEVELOPMENT_SEED, PROOF_CASES, PROOF_SEED, Draw, plan
+from benchmarks.blind.plan import (
+    DEVELOPMENT_SEED,
+    FRESH_CASES,
+    FRESH_SEED,
+    PROOF_CASES,
+    PROOF_SEED,
+    Draw,
+    plan,
+)
 from benchmarks.specfem.plan import plan as specfem_plan
 from benchmarks.specfem.plan import store_of
 from benchmarks.specfem.worlds import drawn as drawn_for_specfem
@@ -39,8 +47,12 @@ TRIAL_CASES = 40
 DIGITS = 9  # of a number in a truth: further ones differ from machine to machine
 # Kinds and whether their truths were known to the authors when they were registered.
 KNOWN = {
-    "site": True, "flat": True, "specfem": False, "drawn": False, "mine": True, "real": False,
-    "drop": True, "trial": True,
+    "site": True, "flat": True, "specfem": False, "drawn": False, "fresh": False, "mine": True,
+    "real": False, "drop": True, "trial": True,
+}  # fmt: skip
+DRAWN = {
+    "drawn": (PROOF_CASES, PROOF_SEED), "fresh": (FRESH_CASES, FRESH_SEED),
+    "trial": (TRIAL_CASES, DEVELOPMENT_SEED),
 }  # fmt: skip
 FOLDERS = "site", "flat", "specfem"
 
@@ -71,8 +83,9 @@ def truths() -> Iterator[tuple[str, Any]]:
             yield f"{kind}-{file.parent.name.removeprefix('case-')}", file.read_bytes()
     for draw in specfem_plan():
         yield draw.name.replace("case", "specfem"), drawn_for_specfem(draw).truth
-    for draw in plan(PROOF_CASES, PROOF_SEED):
-        yield draw.name.replace("case", "drawn"), drawn(draw).truth
+    for kind in ("drawn", "fresh"):
+        for draw in plan(*DRAWN[kind]):
+            yield draw.name.replace("case", kind), drawn(draw).truth
     for number, (trial, (effect, physics, _, _, change)) in enumerate(mine.TRIALS.items()):
         rules = mine.SPEEDS, mine.STIFFNESSES, mine.NOISE, mine.SCATTER, mine.TURN
         yield f"mine-{number}", [trial, effect, physics, change, rules]
@@ -91,7 +104,7 @@ def truth_of(name: str) -> Any:
         If there is no such case here.
     """
     kind, _, number = name.partition("-")
-    if kind in ("drawn", "trial"):
+    if kind in DRAWN:
         return drawn(_draw(name)).truth
     if kind in ("site", "flat"):
         file = folder_of(kind) / "truth" / f"case-{number}" / "truth.toml"
@@ -117,7 +130,7 @@ def answered(name: str, store: Path) -> dict:
         ``processor_s``; a crash is an answer, too, with outcome ``CRASH``.
     """
     kind, _, number = name.partition("-")
-    if kind in ("drawn", "trial"):
+    if kind in DRAWN:
         return answered_drawn(_draw(name), store)
     if kind in FOLDERS:
         return _answered_folder(kind, f"case-{number}", store)
@@ -134,7 +147,7 @@ def as_crash(name: str, error: Exception) -> dict:
     elif kind == "specfem":
         labels = [] if truth["block"] in NULLS else [truth["effect"]]
         row = {"block": truth["block"], "truth": labels}
-    elif kind in ("drawn", "trial"):
+    elif kind in DRAWN:
         row = {"block": truth["block"], "truth": [part["label"] for part in truth["effects"]]}
     else:
         label = _label(kind, truth)
@@ -154,9 +167,7 @@ def _label(kind, truth):
 def _draw(name) -> Draw:
     """Return the draw of a case."""
     kind, _, number = name.partition("-")
-    count, seed = {"drawn": (PROOF_CASES, PROOF_SEED), "trial": (TRIAL_CASES, DEVELOPMENT_SEED)}[
-        kind
-    ]
+    count, seed = DRAWN[kind]
     if not number.isdigit() or int(number) >= count:
         raise InputError(f"proof: {name} is no case; {kind}-000 to {kind}-{count - 1:03d} are")
     return plan(count, seed)[int(number)]

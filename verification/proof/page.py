@@ -12,6 +12,7 @@ from verification.markdown import reflow
 from verification.rows import Rows, program
 
 from .answers import first_answers, versions
+from .cases import KNOWN
 from .registered import KINDS, changed_thresholds, registered
 from .scores import (
     ENERGIES,
@@ -64,7 +65,7 @@ def page(rows: Rows, version: str | None, answers: Rows) -> str:
     parts = [
         f"{summary(version, answers)} [Rules, thresholds and the list of cases](registration.md) "
         "were registered before.", _kinds(cases, answers), "### What was to be reached",
-        _targets(answers),
+        _targets(answers), *_seen_before(rows, version, answers),
     ]  # fmt: skip
     if answers and version != program():
         parts.append("The program has changed since; its present version has answered fewer cases.")
@@ -110,6 +111,17 @@ def matrix(rows: list[dict]) -> str:
         cells = " | ".join(str(n) if n else "" for n in own)
         lines.append(f"| {_code(truth)} | {cells} | {own.sum()} |")
     return "\n".join(lines)
+
+
+def _seen_before(rows, version, answers):
+    """Return which of the cases of unknown truth another version has answered, too."""
+    blind = sorted(name for name in answers if not KNOWN[name.partition("-")[0]])
+    others = {key.split()[0] for key in rows if key.split()[1] != version}
+    seen = [name for name in blind if name in others]
+    if not blind:
+        return []
+    return [f"Other versions have answered {len(seen)} of these {len(blind)} cases whose truth the "
+            f"authors did not know{': ' if seen else ''}{', '.join(seen)}."]  # fmt: skip
 
 
 def _kinds(cases, answers):

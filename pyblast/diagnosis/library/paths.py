@@ -84,7 +84,7 @@ _SLIP = {
     "family": "path", "on": "site", "target": "joint", "axis": "both", "linear": False,
     "simulated": (elastic_joints,),
     "decided_by": "charges of three to one or more across the joint, and on a path that avoids it",
-    "further": (("strength", (1e4, 5e4, 1e5, 5e5)), ("residual", (0.8,))),
+    "further": (("strength", (1e4, 5e4, 1e5, 5e5)), ("residual", (0.8, 1.0))),
 }  # fmt: skip
 
 
