@@ -57,6 +57,7 @@ SLIPS, SPRING = 0.4 * ZS * AMPLITUDE, 20.0 * ZS * TURN  # Pa and Pa/m
 ACROSS = 60.0, 100.0, 140.0  # m, heights of a joint that slips, of its receiver, of the model
 LAYER = 20.0, 120.0  # m of soil on rock
 PADDED = {"padding_m": 60.0, "padding_edge_m": 20.0}  # of tetrahedra with sources inside
+WIDELY = {"padding_m": 60.0, "padding_edge_m": 30.0}  # of standard scenes, times their scale
 
 
 @dataclass(frozen=True)
@@ -298,7 +299,8 @@ DOORS = {
 }  # fmt: skip
 OF_SCENES = {"explosion, near": "17", "force, near": "17", "force on the surface": "13, 15",
              "explosion, 20 m deep": "14", "couple below soil": "23",
-             "couple beside a level joint": "6"}  # fmt: skip
+             "couple beside a level joint": "6", "force on the surface, over 1 km": "13, 15",
+             "LOH.1": "23", "LOH.3": "23, 25"}  # fmt: skip
 ROWS = {f"{case}, {element}": (case, element) for case in (*DOORS, *OF_SCENES)
         for element in ELEMENTS
         if element != "hexahedra" or case in OF_SCENES or DOORS[case].hexahedra}  # fmt: skip
@@ -335,6 +337,12 @@ def compared(door, project):
     return errors
 
 
+def padding_of(case):
+    """Return the keys of the padding around the tetrahedra of a scene."""
+    keys = WIDELY if case in scenes.STANDARD else PADDED
+    return {key: scenes.ALL[case].scale * length for key, length in keys.items()}
+
+
 def measured(name):
     """Return the row of a case on an element."""
     case, element = ROWS[name]
@@ -344,7 +352,7 @@ def measured(name):
             project = project_of(DOORS[case], element, folder)
             errors = compared(DOORS[case], project)
         else:
-            padded = PADDED if element == "tetrahedra" else {}
+            padded = padding_of(case) if element == "tetrahedra" else {}
             project = scenes.project(case, "0", folder, **ELEMENTS[element], **padded)
             receivers, _ = scenes.compared(project, case, "0")
             errors = {key: one["error"] for key, one in receivers.items()}

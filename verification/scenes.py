@@ -20,7 +20,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pyblast.model.material import Material
+from pyblast.model.material import ConstantQ, Material
 from pyblast.project.project import Project
 from pyblast.simulation.accuracy import FOUND
 
@@ -59,13 +59,19 @@ class Scene:
     below : float or None
         Depth of the source below a free surface; None in unbounded rock.
     quality : tuple of 2 float
-        Qp and Qs.
+        Qp and Qs, of each ground that states none itself.
     tilt : float or None, degrees
         Dip of a joint 40 m from the source; None without one. Couples are tilted with it.
     soil : float
         Thickness of a layer of soil.
     mesh : dict
         Keys of the mesh.
+    grounds : dict of str to tuple of 3 or 5 float
+        Density, speeds of P and S waves, and Qp and Qs, by name.
+    scale : float
+        Of margins and times, one over that of frequencies.
+    band : tuple of 2 float, Hz
+        Of constant Q.
     """
 
     source: np.ndarray
@@ -75,6 +81,24 @@ class Scene:
     tilt: float | None = None
     soil: float = 0.0
     mesh: dict = field(default_factory=lambda: {"frequency_hz": FREQUENCY})
+    grounds: dict = field(default_factory=lambda: SPEEDS)
+    scale: float = 1.0
+    band: tuple = BAND
+
+    @property
+    def bell(self):
+        """The history of the source."""
+        return Bell(BELL.dominant / self.scale)
+
+    def material(self, name):
+        """Return a ground of the scene; one of constant Q has the law of its mechanisms."""
+        quality = self.quality_of(name)
+        law = {"law": ConstantQ(*quality, self.band)} if quality else {}
+        return Material.from_speeds(*self.grounds[name][:3], **law)
+
+    def quality_of(self, name):
+        """Return Qp and Qs of a ground, or nothing."""
+        return self.grounds[name][3:] or self.quality
 
 
 def at(*distances):
@@ -128,62 +152,57 @@ SCENES = {
     "couple beside a joint that dips 60°": Scene(COUPLE, BESIDE, tilt=60.0),
     "couple beside a joint that dips 30°": Scene(COUPLE, BESIDE, tilt=30.0),
 }  # fmt: skip
+LAYER, HALF_SPACE = (2600.0, 4000.0, 2000.0), (2700.0, 6000.0, 3464.0)
+LOSSY = {"soil": (*LAYER, 110.0, 40.0), "rock": (*HALF_SPACE, 140.0, 69.3)}  # as in case 23
+LOH = {
+    "away": np.array([[3e3, 4e3, 2e3], [6e3, 8e3, 2e3]]), "below": 2e3, "soil": 1e3, "scale": 20.0,
+    "mesh": {"frequency_hz": 2.0},
+}  # fmt: skip
+STANDARD = {
+    "force on the surface, over 1 km": Scene(UP, on(0, 500, 1000), 0.0),
+    "LOH.1": Scene(COUPLE, grounds={"soil": LAYER, "rock": HALF_SPACE}, **LOH),
+    "LOH.3": Scene(COUPLE, grounds=LOSSY, band=(0.25, 25.0), **LOH),
+}  # not turned: of `verification.doors`
+ALL = SCENES | STANDARD
 NAMES = [f"{scene}, {turn}" for scene in SCENES for turn in TURNS]
 KNOWN: set[str] = set()  # scenes with an error that no run says yet
 JOINT = 40.0  # m above the source, before it is tilted
 
 
-def rock(name="rock"):
-    """Return an elastic material."""
-    return Material.from_speeds(*SPEEDS[name])
-
-
 @cache
 def exact(name, count, dt):
     """Return the velocity (n_receivers, count, 3) of a scene that is neither tilted nor turned."""
-    scene, times = SCENES[name], dt * np.arange(count)
-    middle = float(np.sqrt(BAND[0] * BAND[1]))
-    quality = (*scene.quality, middle) if scene.quality else None
+    scene, times = ALL[name], dt * np.arange(count)
+    bell, top = scene.bell, TOP / scene.scale
+    solid, rock = scene.material("rock"), Material.from_speeds(*scene.grounds["rock"][:3])
     if scene.below is None and scene.tilt is None:
-        if quality is not None:
-            return [lossy_full_space.motion(times, each, scene.source, BELL, rock(), quality)
+        if scene.quality:
+            quality = (*scene.quality, float(np.sqrt(scene.band[0] * scene.band[1])))
+            return [lossy_full_space.motion(times, each, scene.source, bell, rock, quality)
                     for each in scene.away]  # fmt: skip
-        closed = moment if np.ndim(scene.source) == 2 else None
-        return [
-            closed(times, each, scene.source, BELL, rock()) if closed
-            else point_force(times, each, scene.source, BELL, rock())
-            for each in scene.away
-        ]  # fmt: skip
+        closed = moment if np.ndim(scene.source) == 2 else point_force
+        return [closed(times, each, scene.source, bell, rock) for each in scene.away]
     flat = np.hypot(scene.away[:, 0], scene.away[:, 1])
     if scene.below is not None and scene.source is not COUPLE:
         if scene.below == 0.0:
-            motion = lamb.surface_motion(times, flat, BELL, rock(), TOP)
+            motion = lamb.surface_motion(times, flat, bell, rock, top)
         else:
-            motion = surface_motion(BELL, 75.0, scene.below, flat, times, rock())
+            motion = surface_motion(bell, 75.0, scene.below, flat, times, rock)
         rays = scene.away[:, :2] / flat[:, None]
         return [np.column_stack([each[:, :1] * ray, each[:, 1]])
                 for each, ray in zip(motion, rays, strict=True)]  # fmt: skip
-    law = {} if quality is None else lossy_law(scene)
-    solid = Material.from_speeds(*SPEEDS["rock"], **law)
     if scene.tilt is None:
         beds = [Bed.of(np.inf, solid)]
         if scene.soil:
-            beds = [Bed.of(scene.soil, Material.from_speeds(*SPEEDS["soil"], **law)), *beds]
-        return [strike_slip_motion(beds, scene.below, each[:2], times, BELL, TOP)
+            beds = [Bed.of(scene.soil, scene.material("soil")), *beds]
+        return [strike_slip_motion(beds, scene.below, each[:2], times, bell, top)
                 for each in scene.away]  # fmt: skip
     depth, beds = 300.0, [Bed.of(600.0, solid), Bed.of(np.inf, solid)]
     return [
-        strike_slip_motion(beds, depth, each[:2], times, BELL, TOP, depth - each[2], False,
+        strike_slip_motion(beds, depth, each[:2], times, bell, top, depth - each[2], False,
                            (depth - JOINT, *STIFF))
         for each in scene.away
     ]  # fmt: skip
-
-
-def lossy_law(scene):
-    """Return the law of a ground whose Q is that of mechanisms, as the keyword of a material."""
-    from pyblast.model.material import ConstantQ
-
-    return {"law": ConstantQ(*scene.quality, BAND)}
 
 
 def turning(scene, turn):
@@ -198,35 +217,41 @@ def turning(scene, turn):
     return about @ tilt
 
 
+def keys_of(scene, name):
+    """Return the table of a ground of a scene."""
+    keys = "density_kg_per_m3", "cp_m_per_s", "cs_m_per_s", "qp", "qs"
+    values = (*scene.grounds[name][:3], *(quality := scene.quality_of(name)))
+    band = {"quality_band_hz": [*scene.band]} if quality else {}
+    return dict(zip(keys, values, strict=False)) | band
+
+
 def tables(scene, matrix):
     """Return the tables of the project file of a turned scene, around its source."""
     away = scene.away @ matrix.T
-    low, high = np.minimum(away.min(axis=0), 0.0) - 60.0, np.maximum(away.max(axis=0), 0.0) + 60.0
+    margin = 60.0 * scene.scale
+    low = np.minimum(away.min(axis=0), 0.0) - margin
+    high = np.maximum(away.max(axis=0), 0.0) + margin
     layers = [{"material": "rock"}]
     sides = ["west", "east", "south", "north", "bottom", "top"]
     if scene.below is not None:
         high[2], sides = scene.below, sides[:-1]
-        low[2] = min(low[2], -60.0, scene.below - 160.0)
+        low[2] = min(low[2], -margin, scene.below - 160.0 * scene.scale)
     if scene.soil:
         layers = [{"material": "soil", "thickness_m": scene.soil}, *layers]
-    quality = dict(zip(("qp", "qs"), scene.quality, strict=False))
-    quality |= {"quality_band_hz": [*BAND]} if quality else {}
     longest = float(np.linalg.norm(scene.away, axis=1).max())
     parts = {
         "title": "Scene",
         "mesh": {"origin_m": low.tolist(), "size_m": (high - low).tolist(), "layers": layers,
                  **scene.mesh},
         "materials": {
-            part["material"]: dict(
-                zip(("density_kg_per_m3", "cp_m_per_s", "cs_m_per_s"), SPEEDS[part["material"]],
-                    strict=True), **quality,
-            )
+            part["material"]: keys_of(scene, part["material"])
             for part in layers
         },
         "boundaries": {"viscous": sides, **({} if scene.below is None else {"free": ["top"]})},
         "receivers": [{"name": f"{n}", "position_m": p} for n, p in enumerate(away.tolist())],
-        "run": {"duration_s": round(0.2 + 1.2 * longest / SPEEDS["rock"][2] + 0.1 * (
-            scene.soil > 0.0), 3)},
+        "run": {"duration_s": round(
+            scene.scale * (0.2 + 0.1 * (scene.soil > 0.0))
+            + 1.2 * longest / scene.grounds["rock"][2], 3)},
     }  # fmt: skip
     if scene.source.ndim == 1:
         parts["point_forces"] = [{"position_m": [0.0] * 3, "file": "rate.csv",
@@ -251,8 +276,8 @@ def tables(scene, matrix):
 
 def project(name, turn, folder, **mesh):
     """Return the project of a scene and turn, its files in a folder; keys of the mesh replace."""
-    scene = SCENES[name]
-    values, dt = BELL.samples()
+    scene = ALL[name]
+    values, dt = scene.bell.samples()
     title = "force_n" if scene.source.ndim == 1 else "moment_rate_Nm_per_s"
     lines = [title, *(f"{n * dt:.9g},{1e9 * value:.9g}" for n, value in enumerate(values))]
     (Path(folder) / "rate.csv").write_text("time_s," + "\n".join(lines) + "\n")
@@ -262,7 +287,7 @@ def project(name, turn, folder, **mesh):
 
 def compared(project, name, turn):
     """Run the project of a scene; return errors, expected errors and causes by receiver."""
-    run, matrix = project.simulate(), turning(SCENES[name], turn)
+    run, matrix = project.simulate(), turning(ALL[name], turn)
     wanted = exact(name, 4000, round(0.25 * project.duration, 3) / 1000.0)
     rows = {row.name: row for row in project.accuracy.rows}
     times = round(0.25 * project.duration, 3) / 1000.0 * np.arange(4000)

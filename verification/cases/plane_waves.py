@@ -29,8 +29,8 @@ PATTERNS = {"six tetrahedra": "kuhn", "five tetrahedra": "alternating"}
 STEPS = 400
 
 
-def standing(wave, n):
-    """Return a standing wave of n edges a wavelength over `STEPS` steps, found and wanted.
+def standing(wave, n, count=STEPS):
+    """Return a standing wave of n edges a wavelength over ``count`` steps, found and wanted.
 
     The third value is its speed over that of rock, from the frequency of what is found.
     """
@@ -44,7 +44,7 @@ def standing(wave, n):
     omega = 2.0 / dt * np.arcsin(courant * np.sin(0.5 * wavenumber * edge))
     velocity = np.zeros_like(model.mesh.points)
     velocity[:, AXIS[wave]] = np.sin(wavenumber * model.mesh.points[:, 0])
-    record = started(model, STEPS * dt, 0.0 * velocity, velocity).seismograms[f"{place:g}"]
+    record = started(model, count * dt, 0.0 * velocity, velocity).seismograms[f"{place:g}"]
     steps = dt * np.arange(len(record.velocity) + 1)
     wanted = np.diff(np.sin(omega * steps)) / np.sin(omega * dt) * np.sin(wavenumber * place)
 
