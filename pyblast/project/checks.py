@@ -352,6 +352,8 @@ def carried_band(
 
 REMEDIES = {
     "mesh": "edges for a higher mesh.frequency_hz carry more",
+    "step": "a smaller run.step_factor leads less",
+    "slip": "edges for a higher mesh.frequency_hz carry corners of motion that slip makes",
     "low-pass": "a higher low_pass_hz keeps more of it",
     "quality": "a narrower quality_band_hz is fitted better",
     "joint in the layer": "its plane bends there; a larger mesh.size_m moves the layer away",

@@ -7,12 +7,16 @@ from functools import cached_property
 import numpy as np
 from scipy.spatial import KDTree
 
+from ..core import JOINT_LAWS
 from ..mesh.mesh import zone_edge_lengths
 from ..model.boundary import Viscous
+from ..model.joint import Joint
 from ..model.material import ConstantQ
 from ..model.model import Model
 from ..signals.seismogram import Seismogram, fast_length
 from ..signals.spectra import highest_frequency
+from ..solver.assembly import time_step
+from ..solver.initial_stress import insitu_stress
 from ..solver.injection import near_receivers
 from ..solver.moment_density import NearReceiver
 from ..sources.inside import LOST, phase_error
@@ -25,7 +29,7 @@ SAMPLES = 200  # along the way to a receiver
 THIN = 8.0  # layers thinner than a wavelength over this move as one
 STIFF = 0.5  # S speed over that around the sources, of ground through which waves come
 # As `PHASE` of tetrahedra at as many edges per wavelength, and the power with which it falls.
-TETRAHEDRA = {"quadratic": (0.05, 3.0, 3.5), "linear": (0.04, 10.0, 2.0)}
+TETRAHEDRA = {"quadratic": (0.05, 3.0, 3.5), "linear": (0.12, 10.0, 2.0)}
 # Of the motion, what layers of hexahedra send back: more where waves run along them, on paths over
 # three times their distance.
 LAYER, GRAZING, GROWTH, MOST_GRAZING = 0.008, 3.0, 1.5, 0.12
@@ -50,7 +54,7 @@ class ReceiverError:
         The ground on that way that carries least.
     parts : dict of str to float
         Error of the waveform over the motion (root of the energies), by cause: "mesh",
-        "low-pass", "quality", "sides", "joint in the layer", "near source".
+        "step", "slip", "low-pass", "quality", "sides", "joint in the layer", "near source".
     peak : float
         Expected error of the peak.
     near : NearReceiver or None
@@ -148,6 +152,8 @@ class Accuracy:
         The mesh delays each frequency by the rule of nodes per wavelength; constant Q is fitted by
         mechanisms; a low-pass takes its share of the spectrum of what enters, after its attenuation
         by Q; tables say what elements make of motion near a source, and what sides send back.
+        Central differences lead on hexahedra; a layer over stiffer ground repeats the delay of its
+        mesh; a joint that slips clips what enters through a face, whose corners the mesh delays.
         """
         near = {row.receiver: row for row in near_receivers(self.model)}
         return tuple(
@@ -325,21 +331,51 @@ class Accuracy:
         is that of both ends below a free surface, in m.
         """
         frequency, motion, gain = _spectra(whole, passed)
-        phase = self._phase(frequency, zone, time, depth)
         loss, fitted = self._attenuation(frequency, zone, time)
-        motion = loss[:, None] * motion
-        size = max(float(np.linalg.norm(motion)), 1e-300)
-        delayed, fitted = np.exp(1j * phase)[:, None], fitted[:, None]
-        changes = {"mesh": delayed, "low-pass": gain, "quality": fitted}
-        parts = {
-            name: float(np.linalg.norm((1.0 - change) * motion)) / size
-            for name, change in changes.items()
-        }
-        shown = motion * delayed * gain * fitted
+        delayed, led, ring = self._changes(frequency, zone, time, depth)
+        size = loss[:, None] * ring
+        motion, fitted = size * motion, fitted[:, None]
+        changes = {"mesh": delayed, "step": led, "low-pass": gain, "quality": fitted}
+        parts = {name: _share(1.0 - change, motion) for name, change in changes.items()}
+        parts["slip"] = max(
+            (_share(1.0 - delayed, size * np.fft.rfft(each, _length(whole, passed), axis=0))
+             for each in self._slipped(np.nan_to_num(passed.velocity))), default=0.0,
+        )  # fmt: skip
+        shown = motion * delayed * led * gain * fitted
         peaks = [
             np.linalg.norm(np.fft.irfft(each, axis=0), axis=1).max() for each in (motion, shown)
         ]
         return parts, abs(peaks[1] / max(peaks[0], 1e-300) - 1.0)
+
+    @cached_property
+    def _sliding(self):
+        """Joints that may slip: normal (3,), S impedance, strength at its peak and after it, Pa."""
+        if self.inside:  # how strong their waves arrive is not known before a run
+            return []
+        density, mesh, joints = self.model.zone_values("density"), self.model.mesh, []
+        for joint in self.model.joints:
+            if JOINT_LAWS[joint.law].linear:
+                continue
+            points = mesh.points[np.unique(mesh.surfaces[joint.surface])]
+            normal = np.linalg.svd(points - points.mean(axis=0), full_matrices=False)[2][-1]
+            pressure = joint.pressure_at(points[:, 2])
+            if self.model.insitu is not None:
+                xx, yy, zz, yz, zx, xy = insitu_stress(self.model, points).T
+                stress = np.array([[xx, xy, zx], [xy, yy, yz], [zx, yz, zz]])
+                pressure = -np.einsum("i,ijn,j->n", normal, stress, normal)
+            zone = self._zones[0].query(points)[1]
+            impedance = float((density[zone] * self._speeds[zone]).min())
+            joints.append((normal, impedance, *_strengths(joint, float(pressure.min()))))
+        return joints
+
+    def _slipped(self, velocity):
+        """Return velocities (n, 3) behind joints that slip, one for each: shear is clipped."""
+        for normal, impedance, peak, rest in self._sliding:
+            along = np.outer(velocity @ normal, normal)
+            stress = impedance * np.linalg.norm(velocity - along, axis=1)[:, None]
+            if stress.max() > peak:
+                held = np.minimum(1.0, rest / np.maximum(stress, 1e-300))
+                yield along + held * (velocity - along)
 
     def _depth(self, ends):
         """Return the sum of depths (2, 3) in m of points below the free top of the mesh."""
@@ -353,6 +389,32 @@ class Accuracy:
             near = np.hypot(*(points[:, :2] - end[:2]).T) <= reach
             depth += float(points[near, 2].max(initial=end[2]) - end[2])
         return depth
+
+    def _changes(self, frequency, zone, time, depth):
+        """Return what mesh and step change of a spectrum (m, 1) on a way, and its resonance (m, 1).
+
+        In the ground of the end, of thickness given and softer than that of the start, waves go up
+        and down: ``1 / (cos x - i z sin x)`` of their phase x up, z the ratio of impedances.
+        """
+        phase, turn = self._phase(frequency, zone, time, depth), 2.0 * np.pi * frequency
+        total, last = max(float(time.sum()), 1e-300), self.model.mesh.zone_group[zone]
+        up, ratio = float(time[last == last[-1]].sum()) / total, 1.0
+        if self.model.mesh.groups[last[-1]] in self.heights:
+            ends = zone[[0, -1]]
+            impedance = self.model.zone_values("density")[ends] * self._speeds[ends]
+            ratio = min(1.0, float(impedance[1] / impedance[0]))
+
+        def transfer(lag):
+            x = turn * total + lag
+            ring = 1.0 / (np.cos(up * x) - 1j * ratio * np.sin(up * x))
+            return (np.exp(1j * (1.0 - up) * x) * ring)[:, None]
+
+        led = np.zeros(len(frequency))
+        if self.model.mesh.hexahedral:
+            half = np.clip(0.5 * turn * time_step(self.model)[0], 1e-12, 1.0)
+            led = -turn * total * (np.arcsin(half) / half - 1.0)
+        right = transfer(0.0)
+        return transfer(phase) / right, transfer(led) / right, np.abs(right)
 
     def _phase(self, frequency, zone, time, depth):
         """Return the phase errors (m,) in rad of a way through zones, by frequency."""
@@ -393,9 +455,32 @@ class Accuracy:
         return np.exp(loss), np.exp(lag)
 
 
+def _share(change, motion):
+    """Return the norm of a change of spectra (m, 3) over theirs."""
+    return float(np.linalg.norm(change * motion) / max(np.linalg.norm(motion), 1e-300))
+
+
+def _strengths(joint: Joint, pressure: float) -> tuple[float, float]:
+    """Return the shear strength of a joint under a pressure, at its peak and after it, in Pa.
+
+    Beyond the shear at rest; roughness, which strengthens a joint, is left out.
+    """
+    given, rest = joint.properties, float(np.linalg.norm(joint.insitu_shear))
+    cohesion, friction = given.get("cohesion", 0.0), given.get("friction", 0.0)
+    after = given.get("friction_residual", given.get("friction_dynamic", friction))
+    peak = cohesion + friction * max(pressure, 0.0) - rest
+    residual = given.get("cohesion_residual", cohesion) + after * max(pressure, 0.0) - rest
+    return max(peak, 0.0), max(residual, 0.0)
+
+
+def _length(whole, passed):
+    """Return the samples of spectra of a motion and of its low-passed one."""
+    return fast_length(2 * max(len(whole.velocity), len(passed.velocity)))
+
+
 def _spectra(whole, passed):
     """Return frequencies (m,) in Hz, the spectrum (m, 3) of a motion, and the gain of a filter."""
-    n = fast_length(2 * max(len(whole.velocity), len(passed.velocity)))
+    n = _length(whole, passed)
     frequency = np.fft.rfftfreq(n, whole.dt)
     motion = np.fft.rfft(np.nan_to_num(whole.velocity), n, axis=0)
     if passed is whole or passed.velocity is whole.velocity:

@@ -1,6 +1,7 @@
 """Cases of the suite through project files, and how their table is marked; all: ./dev doors."""
 
 import re
+from dataclasses import replace
 from datetime import date, timedelta
 
 import numpy as np
@@ -21,6 +22,50 @@ def test_a_case_through_a_project_file_is_within_the_error_it_states(name):
 
     assert row["within_stated"]
     assert row["error"] < 0.02
+
+
+def accuracy(case, element, folder, **more):
+    """Return errors and rows of accuracy of a case with other tables, by receiver."""
+    door = doors.DOORS[case]
+    door = replace(door, tables={key: door.tables[key] | more.get(key, {})
+                                 if isinstance(door.tables[key], dict) else door.tables[key]
+                                 for key in door.tables})  # fmt: skip
+    project = doors.project_of(door, element, folder)
+    return doors.compared(door, project), {row.name: row for row in project.accuracy.rows}
+
+
+@pytest.mark.parametrize("share", [0.2, 0.4, 0.8, 5.0])
+def test_what_a_plane_clips_is_stated_and_a_strong_one_clips_nothing(share, tmp_path, monkeypatch):
+    strength = share * doors.ZS * doors.AMPLITUDE
+    monkeypatch.setattr(doors, "SLIPS", strength)
+    joint = doors.SLIDING["joints"]["joint"] | {"cohesion_pa": strength}
+
+    errors, rows = accuracy("Coulomb plane that slips, S", "hexahedra", tmp_path,
+                            joints={"joint": joint})  # fmt: skip
+
+    assert errors["0"] <= rows["0"].waveform
+    assert (rows["0"].parts["slip"] > 0.0) is (share < 1.0)
+    assert share > 1.0 or rows["0"].waveform < 3.0 * errors["0"]
+
+
+def test_the_lead_of_the_step_is_stated_and_falls_with_its_square(tmp_path):
+    case = "column, P, Qp 40 over ten wavelengths"
+
+    errors, rows = accuracy(case, "hexahedra", tmp_path)
+    _, halved = accuracy(case, "hexahedra", tmp_path, run={"step_factor": 0.475})
+
+    assert all(errors[name] <= row.waveform < 3.0 * errors[name] for name, row in rows.items())
+    for name, row in rows.items():
+        assert row.parts["step"] == pytest.approx(4.0 * halved[name].parts["step"], rel=0.02)
+
+
+@pytest.mark.parametrize("carried", [25.0, 30.0])
+def test_a_soft_layer_repeats_the_delay_of_its_mesh(carried, tmp_path, monkeypatch):
+    monkeypatch.setattr(doors, "CARRIED", carried)
+
+    errors, rows = accuracy("layered column, S straight up", "tetrahedra", tmp_path)
+
+    assert errors["0"] <= rows["0"].waveform < 2.0 * errors["0"]
 
 
 def test_a_pulse_is_delayed_and_turned_by_its_spectrum():
