@@ -376,7 +376,7 @@ def table(rows):
     lines = [
         f"{sum(stated)} of {len(rows)} errors are within the one stated, {sum(asked)} within the "
         "accuracy asked for.",
-        f"{FAILS} marks one beyond what is stated, {OLD} one of another program than {program()} "
+        f"{FAILS} marks one beyond what is stated, {OLD} one of another program than {program()}",
         f"or more than {WEEK.days} days old when this was written.",
         "",
         "| case | of the suite | auto | hexahedra | tetrahedra |",
