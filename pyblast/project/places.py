@@ -153,8 +153,14 @@ def _refuse_above(mesh, position):
     try:
         locate_in_zones(mesh, position[None])
     except InputError:
-        if position[2] > ground:
-            x, y, z = position
+        x, y, z = position
+        end = np.inf if mesh.layer is None else float(mesh.layer.inner[2][1])
+        if end < min(ground, z):
+            raise InputError(
+                f"lies {z - end:.4g} m above the box: z is {z:g} m, the box ends at {end:.6g} m "
+                "below an absorbing layer; correct z or its datum, or enlarge the box"
+            ) from None
+        if z > ground:
             raise InputError(
                 f"lies {z - ground:.4g} m above the ground: z is {z:g} m, the ground at "
                 f"({x:g}, {y:g}) m is {ground:.6g} m high; correct z or its datum, or leave z out "
