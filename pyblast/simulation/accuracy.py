@@ -38,6 +38,8 @@ MARGIN = 1.1  # over what they send back by theory.md (4.5c)
 WIDER, WIDEST = 10.0, 1000.0  # m, steps of padding that would send less back
 BEND, BENT = 0.1, 0.08  # of an edge, beyond which a plane bends in the layer; its error
 DEEP = 1e6  # m, where no surface is free
+HARMONICS = "harmonics"  # part of the error of a run
+TAPER = 8.0  # periods of the highest carried frequency beyond the end of a record
 FOUND = 3.0  # times the accuracy asked for, from which on an expected error is a finding
 
 
@@ -54,7 +56,8 @@ class ReceiverError:
         The ground on that way that carries least.
     parts : dict of str to float
         Error of the waveform over the motion (root of the energies), by cause: "mesh",
-        "step", "slip", "low-pass", "quality", "sides", "joint in the layer", "near source".
+        "step", "slip", "low-pass", "quality", "sides", "joint in the layer", "near source", and
+        of a run "harmonics".
     peak : float
         Expected error of the peak.
     near : NearReceiver or None
@@ -160,6 +163,43 @@ class Accuracy:
             self._row(each.name, np.asarray(each.position, dtype=float), near.get(each.name))
             for each in self.model.receivers
         )
+
+    def of_run(self, simulated: Mapping[str, Seismogram]) -> tuple[ReceiverError, ...]:
+        """Return the expected errors with harmonics in the records of a run.
+
+        Where joints or ground are not linear, they put motion there that no input has. Above what
+        the mesh carries it does not leave, as waves of that length hardly travel in it, and rings
+        on. Its part is what the delay of the mesh changes of it there, at most all of it.
+
+        Parameters
+        ----------
+        simulated : mapping of str to Seismogram
+            By receiver.
+        """
+        laws = (JOINT_LAWS[joint.law].linear for joint in self.model.joints)
+        if all(laws) and not any(each.yields for each in self.model.materials.values()):
+            return self.rows
+        places = {each.name: np.asarray(each.position) for each in self.model.receivers}
+        return tuple(
+            self._with_harmonics(row, places[row.name], simulated[row.name]) for row in self.rows
+        )
+
+    def _with_harmonics(self, row, position, record):
+        """Return the expected error at a receiver with what the mesh changes of its record."""
+        velocity = _tapered(np.nan_to_num(record.velocity), TAPER / (row.carried * record.dt))
+        length = fast_length(2 * len(velocity))
+        frequency = np.fft.rfftfreq(length, record.dt)
+        change = 1.0 - self._changes(frequency, *self._course(position)[1:])[0]
+        change *= (frequency > row.carried)[:, None] / np.maximum(np.abs(change), 1.0)
+        wrong = np.fft.irfft(change * np.fft.rfft(velocity, length, axis=0), length, axis=0)
+        wrong = wrong[: len(record.velocity)]
+        size = np.linalg.norm(velocity[: len(record.velocity)], axis=1)
+        whole = float(np.linalg.norm(wrong) / max(np.linalg.norm(size), 1e-300))
+        part = np.sqrt(max(0.0, whole**2 - row.parts.get("mesh", 0.0) ** 2))
+        peak = np.linalg.norm(wrong[size.argmax()]) / max(size.max(), 1e-300)
+        peak *= part / max(whole, 1e-300)
+        parts = row.parts | {HARMONICS: float(part)}
+        return replace(row, parts=parts, peak=float(np.hypot(row.peak, peak)))
 
     @cached_property
     def band(self) -> Band:
@@ -275,13 +315,10 @@ class Accuracy:
 
     def _row(self, name, position, near):
         """Return the expected error at a receiver."""
-        points = self._way(position)
-        zone = self._zones[0].query(points)[1]
-        carried, limit = self._least(zone)
-        time = np.linalg.norm(np.diff(points, axis=0), axis=1) / self._speeds[zone[1:]]
-        depth = self._depth(points[[0, -1]])
+        points, *course = self._course(position)
+        carried, limit = self._least(self._zones[0].query(points)[1])
         motions = [
-            self._of_motion(*pair, zone[1:], time, depth)
+            self._of_motion(*pair, *course)
             for pair in zip(self.before, self.after, strict=True)
         ]
         parts, peak = max(motions, key=lambda each: sum(each[0].values()), default=({}, 0.0))
@@ -289,6 +326,13 @@ class Accuracy:
         others["near source"] = 0.0 if near is None else near.error
         peak, parts = float(np.linalg.norm([peak, *others.values()])), parts | others
         return ReceiverError(name, carried, limit, parts, peak, near)
+
+    def _course(self, end):
+        """Return the way to a receiver, the zones of its pieces, their times in s, and depth."""
+        points = self._way(end)
+        zone = self._zones[0].query(points)[1][1:]
+        time = np.linalg.norm(np.diff(points, axis=0), axis=1) / self._speeds[zone]
+        return points, zone, time, self._depth(points[[0, -1]])
 
     def _way(self, end):
         """Return points (n, 3) on the way of waves to a receiver.
@@ -487,6 +531,14 @@ def _spectra(whole, passed):
         return frequency, motion, np.ones_like(motion, dtype=float)
     after = np.abs(np.fft.rfft(np.nan_to_num(passed.velocity), n, axis=0))
     return frequency, motion, np.minimum(after / np.maximum(np.abs(motion), 1e-300), 1.0)
+
+
+def _tapered(velocity, samples):
+    """Return a motion (n, 3) that goes on after its end, turned about it, and ends in a taper."""
+    after = min(int(np.ceil(samples)), len(velocity) - 1)
+    taper = np.cos(np.linspace(0.0, 0.5 * np.pi, after + 1)[1:, None]) ** 2
+    turned = 2.0 * velocity[-1] - velocity[-2 : -2 - after : -1]
+    return np.concatenate([velocity, taper * turned])
 
 
 def held_shares(whole: Seismogram, passed: Seismogram, carried: float) -> tuple[float, float]:
