@@ -17,8 +17,8 @@ from ..signals.seismogram import Seismogram, fast_length
 from ..signals.spectra import highest_frequency
 from ..solver.assembly import time_step
 from ..solver.initial_stress import insitu_stress
-from ..solver.injection import near_receivers
-from ..solver.moment_density import NearReceiver
+from ..solver.injection import injected_sources, receivers_beside
+from ..solver.moment_density import NearReceiver, flat_response, sheared_width
 from ..sources.inside import LOST, phase_error
 from .recipe import NODES_FOR_ONE_PER_CENT, WAVELENGTHS, convergence
 
@@ -56,8 +56,8 @@ class ReceiverError:
         The ground on that way that carries least.
     parts : dict of str to float
         Error of the waveform over the motion (root of the energies), by cause: "mesh",
-        "step", "slip", "low-pass", "quality", "sides", "joint in the layer", "near source", and
-        of a run "harmonics".
+        "step", "slip", "low-pass", "quality", "sphere", "sides", "joint in the layer",
+        "near source", and of a run "harmonics".
     peak : float
         Expected error of the peak.
     near : NearReceiver or None
@@ -158,7 +158,7 @@ class Accuracy:
         Central differences lead on hexahedra; a layer over stiffer ground repeats the delay of its
         mesh; a joint that slips clips what enters through a face, whose corners the mesh delays.
         """
-        near = {row.receiver: row for row in near_receivers(self.model)}
+        near = {row.receiver: row for row in receivers_beside(self.model)}
         return tuple(
             self._row(each.name, np.asarray(each.position, dtype=float), near.get(each.name))
             for each in self.model.receivers
@@ -249,6 +249,11 @@ class Accuracy:
         return 0.0
 
     @cached_property
+    def _sheared(self):
+        """R/cs in s of the sphere of a source that radiates S waves; theory.md (5.15)."""
+        return sheared_width(self.model, injected_sources(self.model))
+
+    @cached_property
     def _speeds(self):
         """S speeds (n_zones,) in m/s."""
         return self.model.zone_values("cs")
@@ -318,14 +323,14 @@ class Accuracy:
         points, *course = self._course(position)
         carried, limit = self._least(self._zones[0].query(points)[1])
         motions = [
-            self._of_motion(*pair, *course)
-            for pair in zip(self.before, self.after, strict=True)
+            self._of_motion(*pair, *course) for pair in zip(self.before, self.after, strict=True)
         ]
         parts, peak = max(motions, key=lambda each: sum(each[0].values()), default=({}, 0.0))
         others = {"sides": self._sides(points), "joint in the layer": self._bent}
         others["near source"] = 0.0 if near is None else near.error
         peak, parts = float(np.linalg.norm([peak, *others.values()])), parts | others
-        return ReceiverError(name, carried, limit, parts, peak, near)
+        named = near if near is not None and near.named else None
+        return ReceiverError(name, carried, limit, parts, peak, named)
 
     def _course(self, end):
         """Return the way to a receiver, the zones of its pieces, their times in s, and depth."""
@@ -379,13 +384,15 @@ class Accuracy:
         delayed, led, ring = self._changes(frequency, zone, time, depth)
         size = loss[:, None] * ring
         motion, fitted = size * motion, fitted[:, None]
-        changes = {"mesh": delayed, "step": led, "low-pass": gain, "quality": fitted}
+        spread = flat_response(2.0 * np.pi * frequency * self._sheared)[:, None]
+        changes = {"mesh": delayed, "step": led, "low-pass": gain, "quality": fitted,
+                   "sphere": spread}  # fmt: skip
         parts = {name: _share(1.0 - change, motion) for name, change in changes.items()}
         parts["slip"] = max(
             (_share(1.0 - delayed, size * np.fft.rfft(each, _length(whole, passed), axis=0))
              for each in self._slipped(np.nan_to_num(passed.velocity))), default=0.0,
         )  # fmt: skip
-        shown = motion * delayed * led * gain * fitted
+        shown = motion * delayed * led * gain * fitted * spread
         peaks = [
             np.linalg.norm(np.fft.irfft(each, axis=0), axis=1).max() for each in (motion, shown)
         ]
