@@ -41,6 +41,8 @@ MARGIN = 1.1  # over what they send back by theory.md (4.5c), and over laws of P
 WIDER, WIDEST = 10.0, 1000.0  # m, steps of padding that would send less back
 BEND, BENT = 0.1, 0.08  # of an edge, beyond which a plane bends in the layer; its error
 DEEP = 1e6  # m, where no surface is free
+HARMONICS = "harmonics"  # part of the error of a run
+TAPER = 8.0  # periods of the highest carried frequency beyond the end of a record
 FOUND = 3.0  # times the accuracy asked for, from which on an expected error is a finding
 
 
@@ -57,7 +59,8 @@ class ReceiverError:
         The ground on that way that carries least.
     parts : dict of str to float
         Error of the waveform over the motion (root of the energies), by cause: "mesh",
-        "step", "slip", "low-pass", "quality", "sides", "joint in the layer", "near source".
+        "step", "slip", "low-pass", "quality", "sides", "joint in the layer", "near source", and
+        of a run "harmonics".
     peak : float
         Expected error of the peak.
     near : NearReceiver or None
@@ -165,6 +168,43 @@ class Accuracy:
             self._row(each.name, np.asarray(each.position, dtype=float), near.get(each.name))
             for each in self.model.receivers
         )
+
+    def of_run(self, simulated: Mapping[str, Seismogram]) -> tuple[ReceiverError, ...]:
+        """Return the expected errors with harmonics in the records of a run.
+
+        Where joints or ground are not linear, they put motion there that no input has. Above what
+        the mesh carries it does not leave, as waves of that length hardly travel in it, and rings
+        on. Its part is what the delay of the mesh changes of it there, at most all of it.
+
+        Parameters
+        ----------
+        simulated : mapping of str to Seismogram
+            By receiver.
+        """
+        laws = (JOINT_LAWS[joint.law].linear for joint in self.model.joints)
+        if all(laws) and not any(each.yields for each in self.model.materials.values()):
+            return self.rows
+        places = {each.name: np.asarray(each.position) for each in self.model.receivers}
+        return tuple(
+            self._with_harmonics(row, places[row.name], simulated[row.name]) for row in self.rows
+        )
+
+    def _with_harmonics(self, row, position, record):
+        """Return the expected error at a receiver with what the mesh changes of its record."""
+        velocity = _tapered(np.nan_to_num(record.velocity), TAPER / (row.carried * record.dt))
+        length = fast_length(2 * len(velocity))
+        frequency = np.fft.rfftfreq(length, record.dt)
+        change = 1.0 - self._changes(frequency, *self._course(self._way(position)))[0]
+        change *= (frequency > row.carried)[:, None] / np.maximum(np.abs(change), 1.0)
+        wrong = np.fft.irfft(change * np.fft.rfft(velocity, length, axis=0), length, axis=0)
+        wrong = wrong[: len(record.velocity)]
+        size = np.linalg.norm(velocity[: len(record.velocity)], axis=1)
+        whole = float(np.linalg.norm(wrong) / max(np.linalg.norm(size), 1e-300))
+        part = np.sqrt(max(0.0, whole**2 - row.parts.get("mesh", 0.0) ** 2))
+        peak = np.linalg.norm(wrong[size.argmax()]) / max(size.max(), 1e-300)
+        peak *= part / max(whole, 1e-300)
+        parts = row.parts | {HARMONICS: float(part)}
+        return replace(row, parts=parts, peak=float(np.hypot(row.peak, peak)))
 
     @cached_property
     def band(self) -> Band:
@@ -281,11 +321,9 @@ class Accuracy:
     def _row(self, name, position, near):
         """Return the expected error at a receiver."""
         points = self._way(position)
-        zone = self._zones[0].query(points)[1]
-        carried, limit = self._least(zone)
-        depth = self._depth(points[[0, -1]])
+        carried, limit = self._least(self._zones[0].query(points)[1])
         motions = [
-            self._of_motion(*pair, points, depth)
+            self._of_motion(*pair, points)
             for pair in zip(self.before, self.after, strict=True)
         ]
         parts, peak = max(motions, key=lambda each: sum(each[0].values()), default=({}, 0.0))
@@ -294,6 +332,15 @@ class Accuracy:
         others["near source"] = 0.0 if near is None else near.error
         peak, parts = float(np.linalg.norm([peak, *others.values()])), parts | others
         return ReceiverError(name, carried, limit, parts, peak, near)
+
+    def _course(self, points):
+        """Return the zones of the pieces of a way (n, 3), their times in s, and depth of its ends.
+
+        Depth is the sum below a free surface, in m.
+        """
+        zone = self._zones[0].query(points)[1][1:]
+        time = np.linalg.norm(np.diff(points, axis=0), axis=1) / self._waves[zone]
+        return zone, time, self._depth(points[[0, -1]])
 
     def _way(self, end):
         """Return points (n, 3) on the way of waves to a receiver.
@@ -329,15 +376,15 @@ class Accuracy:
         name = min(carried, key=lambda group: carried[group])
         return carried[name], name
 
-    def _of_motion(self, whole, passed, points, depth):
+    def _of_motion(self, whole, passed, points):
         """Return parts of the error, and that of the peak, of a motion after a way (n, 3).
 
-        ``depth`` is that of both ends below a free surface, in m. What comes back is wrong by its
-        own, longer way, beside the motion or, where they meet, with it.
+        What comes back is wrong by its own, longer way, beside the motion or, where they meet,
+        with it.
         """
-        ways, sides = [self._of_way(whole, passed, points, depth)], 0.0
+        ways, sides = [self._of_way(whole, passed, points)], 0.0
         for back, share, returns in self._back(points):
-            away = self._of_way(whole, passed, np.concatenate([points, back]), depth, share)
+            away = self._of_way(whole, passed, np.concatenate([points, back]), share)
             if returns:
                 ways.append(away)
             else:
@@ -358,14 +405,13 @@ class Accuracy:
             peaks += [_peak_error([(change, spectrum)])] if behind else []
         return parts, max(peaks)
 
-    def _of_way(self, whole, passed, points, depth, share=None):
+    def _of_way(self, whole, passed, points, share=None):
         """Return the spectrum (m, 3) of a motion after a way, what causes make of it, and its size.
 
         ``share`` of it, a function of the frequencies in Hz, goes on and back at the end.
         """
         frequency, motion, gain = _spectra(whole, passed)
-        zone = self._zones[0].query(points)[1][1:]
-        time = np.linalg.norm(np.diff(points, axis=0), axis=1) / self._waves[zone]
+        zone, time, depth = self._course(points)
         loss, fitted = self._attenuation(frequency, zone, time)
         turn = len(zone) if share is None else len(zone) - SAMPLES
         if share is not None and self._softer(zone[[0, turn]]) < 1.0:  # back from a soft layer
@@ -398,7 +444,7 @@ class Accuracy:
     def _compressed(self):
         """Whether P waves alone run: motion along the normal of its face, sides on rollers.
 
-        Joints lie across and are linear: others make frequencies that did not enter.
+        Joints lie across, and all is linear: others make frequencies that did not enter.
         """
         if self._face is None:
             return False
@@ -414,6 +460,7 @@ class Accuracy:
             and beside <= {each.surface for each in self.model.boundaries if isinstance(each, held)}
             and all(abs(normal[axis]) > 0.999 for _, normal, _ in self._lags)
             and all(JOINT_LAWS[each.law].linear for each in self.model.joints)
+            and not any(each.yields for each in self.model.materials.values())
         )
 
     @cached_property
@@ -690,6 +737,14 @@ def _spectra(whole, passed):
         return frequency, motion, np.ones_like(motion, dtype=float)
     after = np.abs(np.fft.rfft(np.nan_to_num(passed.velocity), n, axis=0))
     return frequency, motion, np.minimum(after / np.maximum(np.abs(motion), 1e-300), 1.0)
+
+
+def _tapered(velocity, samples):
+    """Return a motion (n, 3) that goes on after its end, turned about it, and ends in a taper."""
+    after = min(int(np.ceil(samples)), len(velocity) - 1)
+    taper = np.cos(np.linspace(0.0, 0.5 * np.pi, after + 1)[1:, None]) ** 2
+    turned = 2.0 * velocity[-1] - velocity[-2 : -2 - after : -1]
+    return np.concatenate([velocity, taper * turned])
 
 
 def held_shares(whole: Seismogram, passed: Seismogram, carried: float) -> tuple[float, float]:
