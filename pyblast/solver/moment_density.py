@@ -41,7 +41,7 @@ ERRORS = {
     "quadratic, point": ((0.0, 0.5, 1.0, 1.6, 2.5), (1.0, 0.8, 0.2, 0.06, 0.01)),
     "linear": ((0.0, 0.9, 1.8, 2.7, 3.6, 5.0), (1.0, 0.4, 0.2, 0.1, 0.05, 0.01)),
 }  # fmt: skip
-MOST_JUDGED = 20  # points of sources by which the widest sphere is told
+MOST_JUDGED = 20  # points of sources of which the widest sphere is taken
 CLIPPED = 0.4  # radius over the edge, below which elements resolve it no better than a point
 WANTED = 0.05  # error for which edges are shortened
 # Distance over edge for it, of explosions whose sphere nothing clips and of any source.
