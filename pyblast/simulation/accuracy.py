@@ -169,7 +169,8 @@ class Accuracy:
 
         Where joints or ground are not linear, they put motion there that no input has. Above what
         the mesh carries it does not leave, as waves of that length hardly travel in it, and rings
-        on. Its part is what the delay of the mesh changes of it there, at most all of it.
+        on. Its part is what the delay of the mesh changes of it there, at most all of it, beyond
+        what the parts of mesh and slip say.
 
         Parameters
         ----------
@@ -195,7 +196,8 @@ class Accuracy:
         wrong = wrong[: len(record.velocity)]
         size = np.linalg.norm(velocity[: len(record.velocity)], axis=1)
         whole = float(np.linalg.norm(wrong) / max(np.linalg.norm(size), 1e-300))
-        part = np.sqrt(max(0.0, whole**2 - row.parts.get("mesh", 0.0) ** 2))
+        stated = np.hypot(row.parts.get("mesh", 0.0), row.parts.get("slip", 0.0))
+        part = np.sqrt(max(0.0, whole**2 - stated**2))
         peak = np.linalg.norm(wrong[size.argmax()]) / max(size.max(), 1e-300)
         peak *= part / max(whole, 1e-300)
         parts = row.parts | {HARMONICS: float(part)}
