@@ -42,6 +42,7 @@ WIDER, WIDEST = 10.0, 1000.0  # m, steps of padding that would send less back
 BEND, BENT = 0.1, 0.08  # of an edge, beyond which a plane bends in the layer; its error
 DEEP = 1e6  # m, where no surface is free
 HARMONICS = "harmonics"  # part of the error of a run
+AMISS = 1.1  # over motion that comes late or rings, as the right one is missing in its place
 TAPER = 8.0  # periods of the highest carried frequency beyond the end of a record
 FOUND = 3.0  # times the accuracy asked for, from which on an expected error is a finding
 
@@ -174,7 +175,8 @@ class Accuracy:
 
         Where joints or ground are not linear, they put motion there that no input has. Above what
         the mesh carries it does not leave, as waves of that length hardly travel in it, and rings
-        on. Its part is what the delay of the mesh changes of it there, at most all of it.
+        on. Its part is what the delay of the mesh changes of it there, at most all of it, beyond
+        what the parts of mesh and slip say.
 
         Parameters
         ----------
@@ -199,8 +201,9 @@ class Accuracy:
         wrong = np.fft.irfft(change * np.fft.rfft(velocity, length, axis=0), length, axis=0)
         wrong = wrong[: len(record.velocity)]
         size = np.linalg.norm(velocity[: len(record.velocity)], axis=1)
-        whole = float(np.linalg.norm(wrong) / max(np.linalg.norm(size), 1e-300))
-        part = np.sqrt(max(0.0, whole**2 - row.parts.get("mesh", 0.0) ** 2))
+        whole = AMISS * float(np.linalg.norm(wrong) / max(np.linalg.norm(size), 1e-300))
+        stated = np.hypot(row.parts.get("mesh", 0.0), row.parts.get("slip", 0.0))
+        part = np.sqrt(max(0.0, whole**2 - stated**2))
         peak = np.linalg.norm(wrong[size.argmax()]) / max(size.max(), 1e-300)
         peak *= part / max(whole, 1e-300)
         parts = row.parts | {HARMONICS: float(part)}
