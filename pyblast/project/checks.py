@@ -17,7 +17,7 @@ from ..mesh.as_built import Row
 from ..mesh.mesh import surface_zones, zone_edge_lengths
 from ..model.boundary import Roller, Viscous
 from ..signals.spectra import highest_frequency
-from ..simulation.accuracy import HARMONICS, FOUND, Band, ReceiverError
+from ..simulation.accuracy import FOUND, HARMONICS, Band, ReceiverError
 from ..simulation.estimate import Cost, at_frequency
 from ..solver.initial_stress import joint_pressures
 from ..solver.injection import near_receivers, refusal
@@ -356,6 +356,7 @@ REMEDIES = {
     "slip": "edges for a higher mesh.frequency_hz carry corners of motion that slip makes",
     "low-pass": "a higher low_pass_hz keeps more of it",
     "quality": "a narrower quality_band_hz is fitted better",
+    "sphere": "edges for a higher mesh.frequency_hz shrink the sphere of its source",
     "joint in the layer": "its plane bends there; a larger mesh.size_m moves the layer away",
     "near source": "see finding D38",
     HARMONICS: "what joints or ground that open, slip or yield put into its record above the "

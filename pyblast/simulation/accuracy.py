@@ -18,8 +18,8 @@ from ..signals.seismogram import Seismogram, fast_length
 from ..signals.spectra import highest_frequency
 from ..solver.assembly import time_step
 from ..solver.initial_stress import insitu_stress
-from ..solver.injection import near_receivers
-from ..solver.moment_density import NearReceiver
+from ..solver.injection import injected_sources, receivers_beside
+from ..solver.moment_density import NearReceiver, flat_response, sheared_width
 from ..sources.inside import LOST, phase_error
 from .recipe import NODES_FOR_ONE_PER_CENT, WAVELENGTHS, convergence
 
@@ -60,8 +60,8 @@ class ReceiverError:
         The ground on that way that carries least.
     parts : dict of str to float
         Error of the waveform over the motion (root of the energies), by cause: "mesh",
-        "step", "slip", "low-pass", "quality", "sides", "joint in the layer", "near source", and
-        of a run "harmonics".
+        "step", "slip", "low-pass", "quality", "sphere", "sides", "joint in the layer",
+        "near source", and of a run "harmonics".
     peak : float
         Expected error of the peak.
     near : NearReceiver or None
@@ -164,7 +164,7 @@ class Accuracy:
         rounds over its strength. What enters through a face comes back from the end across and
         from joints, on a longer way; dashpots have no impedance of ground with constant Q.
         """
-        near = {row.receiver: row for row in near_receivers(self.model)}
+        near = {row.receiver: row for row in receivers_beside(self.model)}
         return tuple(
             self._row(each.name, np.asarray(each.position, dtype=float), near.get(each.name))
             for each in self.model.receivers
@@ -257,6 +257,11 @@ class Accuracy:
         return 0.0
 
     @cached_property
+    def _sheared(self):
+        """R/cs in s of the sphere of a source that radiates S waves; theory.md (5.15)."""
+        return sheared_width(self.model, injected_sources(self.model))
+
+    @cached_property
     def _speeds(self):
         """S speeds (n_zones,) in m/s."""
         return self.model.zone_values("cs")
@@ -326,15 +331,15 @@ class Accuracy:
         points = self._way(position)
         carried, limit = self._least(self._zones[0].query(points)[1])
         motions = [
-            self._of_motion(*pair, points)
-            for pair in zip(self.before, self.after, strict=True)
+            self._of_motion(*pair, points) for pair in zip(self.before, self.after, strict=True)
         ]
         parts, peak = max(motions, key=lambda each: sum(each[0].values()), default=({}, 0.0))
         sides = float(np.hypot(parts.get("sides", 0.0), self._sides(points)))
         others = {"sides": sides, "joint in the layer": self._bent}
         others["near source"] = 0.0 if near is None else near.error
         peak, parts = float(np.linalg.norm([peak, *others.values()])), parts | others
-        return ReceiverError(name, carried, limit, parts, peak, near)
+        named = near if near is not None and near.named else None
+        return ReceiverError(name, carried, limit, parts, peak, named)
 
     def _course(self, points):
         """Return the zones of the pieces of a way (n, 3), their times in s, and depth of its ends.
@@ -428,7 +433,9 @@ class Accuracy:
         if share is not None:
             size = size * share(frequency)[:, None]
         fitted = (fitted * self._entered(frequency, zone[0]))[:, None]
-        changes = {"mesh": delayed, "step": led, "low-pass": gain, "quality": fitted}
+        spread = flat_response(2.0 * np.pi * frequency * self._sheared)[:, None]
+        changes = {"mesh": delayed, "step": led, "low-pass": gain, "quality": fitted,
+                   "sphere": spread}  # fmt: skip
         # they are of exp(-i w t), spectra of exp(i w t)
         return size * motion, {name: np.conj(each) for name, each in changes.items()}, size
 

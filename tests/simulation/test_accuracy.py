@@ -1,6 +1,7 @@
 """Accuracy: the ground on the way counts, expected errors are said, the band that a run holds."""
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from pyblast.signals.seismogram import Seismogram
 from pyblast.signals.spectra import highest_frequency
 from pyblast.simulation.accuracy import LEAST_ENERGY, LEAST_PEAK, Band, ReceiverError
 from pyblast.sources.inside import MOST, needed_frequency
+from verification import near_source
 from verification.columns import ricker
 
 LAYERS = '[[mesh.layers]]\nmaterial = "rock"'
@@ -319,3 +321,18 @@ def test_a_joint_that_stays_closed_has_no_harmonics(tmp_path):
 
     assert row.parts["harmonics"] == 0.0
     assert row.peak == project.accuracy.rows[0].peak
+
+
+@pytest.mark.parametrize(("source", "measured"), [("couple", 0.015), ("explosion", 0.0)])
+def test_what_a_sphere_takes_from_its_s_waves_is_stated_at_any_distance(source, measured):
+    # measured at 95 to 200 m: docs/decisions.md, "The sphere of a source"
+    receivers = [np.array([r, 0.0, 0.0]) for r in (95.0, 200.0)]
+    mesh = {"frequency_hz": 40, "near_source_work": 1.0, "order": 5, "size_m": [462.0] * 3}
+    parts = near_source.tables(source, [-231.0] * 3, receivers, False, **mesh)
+    project = near_source.written(parts)
+    model = replace(project.model, injected=False)
+
+    near, far = (row.parts["sphere"] for row in replace(project.accuracy, model=model).rows)
+
+    assert near == pytest.approx(far, rel=1e-9)
+    assert near == pytest.approx(measured, rel=0.1)
