@@ -163,11 +163,11 @@ def end(sign):
 
 
 def fading(pulse, place):
-    """Return the exact motion in a column of constant Q, whose input meets another impedance."""
+    """Return the exact motion in a column of constant Q."""
 
     def transfer(omega):
         c = speed(omega, QUALITY, CP, 2.0 * np.pi * np.sqrt(BAND[0] * BAND[1]))
-        return 2.0 * CP / (CP + c) * np.exp(1j * omega * place[0] / c)
+        return np.exp(1j * omega * place[0] / c)
 
     return np.outer(pulse.passed(transfer), [1.0, 0.0, 0.0])
 
@@ -376,7 +376,7 @@ def table(rows):
     lines = [
         f"{sum(stated)} of {len(rows)} errors are within the one stated, {sum(asked)} within the "
         "accuracy asked for.",
-        f"{FAILS} marks one beyond what is stated, {OLD} one of another program than {program()} "
+        f"{FAILS} marks one beyond what is stated, {OLD} one of another program than {program()}",
         f"or more than {WEEK.days} days old when this was written.",
         "",
         "| case | of the suite | auto | hexahedra | tetrahedra |",

@@ -7,9 +7,10 @@ middle of an element, on a face, an edge or a corner; receivers stand in three d
 space, on the surface in three azimuths above a source 8 m deep. Bell of 12 Hz. The error is that
 of the three components over the whole record. Rows of an order have the source over a sphere;
 "injected" ones stand in a box of five elements, where the program injects, "widened" ones in
-three, where it goes on beyond the sides to do so; in "graded" ones it shortens edges. A quarry of
-18 holes stands for the whole of it. Writes the rows that ``verification/near_source.json`` lacks
-and the tables of docs/quality/verification.md; ``--page`` writes the tables alone.
+three, where it goes on beyond the sides to do so; in "graded" ones it shortens edges; "far" ones
+stand up to three elements away, over a sphere of order 5. A quarry of 18 holes stands for the
+whole of it. Writes the rows that ``verification/near_source.json`` lacks and the tables of
+docs/quality/verification.md; ``--page`` writes the tables alone.
 """
 
 import sys
@@ -43,6 +44,7 @@ PLACES = {"middle": (0.5, 0.5, 0.5), "face": (0.0, 0.5, 0.5), "edge": (0.0, 0.0,
           "corner": (0.0, 0.0, 0.0)}  # fmt: skip
 ON_SURFACE = {"middle": (0.5, 0.5), "face": (0.0, 0.5), "edge": (0.0, 0.0)}
 AWAY = (5, 10, 20, 30, 40, 50, 65, 80, 95)  # m
+FAR = (80, 95, 100, 115, 130, 150, 175, 200)  # m, of "far" rows, in a box of seven elements
 RAYS = np.array([[1.0, 0.0, 0.0], [0.5**0.5, 0.5**0.5, 0.0], [3**-0.5, 3**-0.5, 3**-0.5]])
 AZIMUTHS = np.radians([0.0, 45.0, 80.0])
 DEPTH, LENGTH, DETONATION = 8.0, 10.0, 4500.0
@@ -79,11 +81,13 @@ def measured(name):
     source, elements, place = name.split(", ")
     if source == "quarry":
         return quarry(elements)
-    mesh, wide = {"frequency_hz": 40, "near_source_work": 1.0}, 0
+    mesh, wide, distances = {"frequency_hz": 40, "near_source_work": 1.0}, 0, AWAY
     if elements == "quadratic":
         mesh = {"kind": "tetrahedra", "quadratic": True, "edge_m": 19.2}
     elif elements == "injected":
         wide = WIDE
+    elif elements == "far":
+        mesh["order"], wide, distances = 5, 2 * WIDE, FAR
     elif elements in ("widened", "graded"):
         mesh["near_source_work"] = 30.0
     else:
@@ -96,13 +100,13 @@ def measured(name):
     rays, middle = (turned, [0.0, 0.0, DEPTH]) if surface else (RAYS, [0.0, 0.0, 0.0])
     if surface:
         low[2] = DEPTH - mesh["size_m"][2]
-    receivers = [np.array(middle) + r * ray for r in AWAY for ray in rays]
+    receivers = [np.array(middle) + r * ray for r in distances for ray in rays]
     parts = tables(source, low.tolist(), receivers, surface, **mesh)
     if elements == "graded" and surface:  # sources of a given radius are not injected
         parts["moment_tensors"][0]["spread_m"] = DEPTH
     project = written(parts)
     model = project.model
-    if elements.startswith("order"):
+    if elements.startswith("order") or elements == "far":
         model = replace(model, injected=False)
     if source == "column":
         values, dt = BELL.samples()
@@ -116,8 +120,8 @@ def measured(name):
         np.linalg.norm(records[f"{n}"].velocity - motion) / np.linalg.norm(motion)
         for n, motion in enumerate(wanted)
     ]
-    worst = np.max(np.reshape(errors, (len(AWAY), -1)), axis=1)
-    return {"errors": {f"{r}": round(float(e), 4) for r, e in zip(AWAY, worst, strict=True)}}
+    worst = np.max(np.reshape(errors, (len(distances), -1)), axis=1)
+    return {"errors": {f"{r}": round(float(e), 4) for r, e in zip(distances, worst, strict=True)}}
 
 
 def quarry(way):
@@ -211,22 +215,27 @@ NAMES = [
     "couple, graded, corner",
     "force, graded, corner",
     "buried explosion, graded, edge",
+    *(f"{s}, far, corner" for s in ("explosion", "couple", "force", "column")),
     *(f"quarry, {way}, 18 holes" for way in ("spheres", "injected", "graded")),
 ]
 
 
 def table(rows):
     """Return the lines of the table."""
-    lines = [
-        "| source, elements, place | " + " | ".join(f"{r} m" for r in AWAY) + " |",
-        "|---|" + "---|" * len(AWAY),
-    ]
-    for name in NAMES:
-        if name in rows and not name.startswith("quarry"):
-            cells = [f"{100 * rows[name]['errors'][f'{r}']:.2g}" for r in AWAY]
-            lines.append(f"| {name} | " + " | ".join(cells) + " |")
+    lines = []
+    for distances in (AWAY, FAR):
+        lines += [
+            "| source, elements, place | " + " | ".join(f"{r} m" for r in distances) + " |",
+            "|---|" + "---|" * len(distances),
+        ]
+        for name in NAMES:
+            far = ", far, " in name
+            if name in rows and not name.startswith("quarry") and far == (distances is FAR):
+                cells = [f"{100 * rows[name]['errors'][f'{r}']:.2g}" for r in distances]
+                lines.append(f"| {name} | " + " | ".join(cells) + " |")
+        lines.append("")
     head = "| quarry | nodes × steps | s to prepare, to run | "
-    lines += ["", head + " | ".join(QUARRY) + " m |", "|---|---|---|" + "---|" * len(QUARRY)]
+    lines += [head + " | ".join(QUARRY) + " m |", "|---|---|---|" + "---|" * len(QUARRY)]
     for name in NAMES:
         if name in rows and name.startswith("quarry"):
             row = rows[name]

@@ -153,7 +153,7 @@ SCENES = {
     "couple beside a joint that dips 30°": Scene(COUPLE, BESIDE, tilt=30.0),
 }  # fmt: skip
 LAYER, HALF_SPACE = (2600.0, 4000.0, 2000.0), (2700.0, 6000.0, 3464.0)
-LOSSY = {"soil": (*LAYER, 110.0, 40.0), "rock": (*HALF_SPACE, 140.0, 69.3)}  # as in case 23
+LOSSY = {"soil": (*LAYER, 120.0, 40.0), "rock": (*HALF_SPACE, 155.9, 69.3)}
 LOH = {
     "away": np.array([[3e3, 4e3, 2e3], [6e3, 8e3, 2e3]]), "below": 2e3, "soil": 1e3, "scale": 20.0,
     "mesh": {"frequency_hz": 2.0},

@@ -103,7 +103,8 @@ def decide(search: Search, finer: Simulation | None = None) -> Decision:
     sufficed for the other effects; and that it explains more of each large blast. A label whose
     score is above the evidence of the answer, but not that of its own fits, is a rival: the fits
     may have gone astray. An effect that these records cannot test
-    (`Hypothesis.untestable`) is never named: all effects that explain much form its class. Leads
+    (`Hypothesis.untestable`) is never named: all effects that explain much form its class. Where no
+    record could be held out and a large blast is explained less, nothing supports the effect. Leads
     are measured on the one mesh on which all were fitted.
     """
     without = search.without_effects
@@ -126,13 +127,14 @@ def decide(search: Search, finer: Simulation | None = None) -> Decision:
     tested = cross_validate(search.scene, without, chosen)
     share = explained_share(without.chi_square, chosen.chi_square)
     fails = not_improved(search.scene, without, chosen)
+    against = contradicted(tested, fails)
     open_set, elsewhere = None, ()
     with contained(search.scene.failures, OPEN_SET_TEST):
         open_set = open_set_ratio(search, chosen)
         elsewhere = body_explains_more(search, chosen)
     fails = (*not_fitted(chosen), *fails, *elsewhere)
     basis = (probability, share, tested, chosen, mesh_change, fails, open_set)
-    if not tested.supports or elsewhere or (open_set is not None and open_set < OPEN_SET):
+    if against or elsewhere or (open_set is not None and open_set < OPEN_SET):
         return Decision("UNKNOWN", without, (), *basis)
     more = more_remains(chosen.chi_square, share) or search.scored_beside(chosen)
     alone = untestable and len(rivals) == 1
@@ -143,6 +145,25 @@ def decide(search: Search, finer: Simulation | None = None) -> Decision:
         return Decision("PARTIAL", chosen, rivals, *basis)
     outcome = "CLASS" if len(rivals) > 1 else "NAMED" if len(chosen.labels) == 1 else "COMPOSITE"
     return Decision(outcome, chosen, rivals, *basis)
+
+
+def contradicted(tested: CrossValidation, fails: tuple[str, ...]) -> bool:
+    """Tell whether records contradict an effect: those held out, else a large blast.
+
+    Parameters
+    ----------
+    tested : CrossValidation
+    fails : tuple of str
+        As of `not_improved`.
+
+    Examples
+    --------
+    >>> contradicted(CrossValidation((), {}), ())
+    False
+    >>> contradicted(CrossValidation((), {}), ("blast B1: more of its energy remains",))
+    True
+    """
+    return not tested.supports or bool(fails and not tested.subsets)
 
 
 def open_set_ratio(search: Search, chosen: Fit) -> float | None:

@@ -16,7 +16,7 @@ from ..units import check_density, check_modulus, check_speed, check_tangent
 
 MECHANISMS = 5  # relaxation mechanisms of a constant Q
 USUAL = 30.0  # quality for which the outer rates are chosen
-HALVINGS = 10  # of the interval in which the nearest possible quality lies
+ROUNDED = 1e-3  # by which Qp may exceed that of an infinite bulk Q: published values are rounded
 FIT_POINTS = 60  # frequencies of its fit
 INSIDE = np.geomspace(0.2, 1.5, 24)  # first relaxation rate over the low end of the band
 
@@ -75,6 +75,8 @@ class ConstantQ:
         Band of constant Q: after ten wavelengths motion is within 1 % over two decades.
     reference : float or None, Hz
         Frequency at which the speeds are those of the material; None: geometric mean of the band.
+    compression : tuple of float, optional
+        Shares of P waves in place of the fitted ones: see `within`.
 
     Raises
     ------
@@ -97,6 +99,7 @@ class ConstantQ:
     qs: float
     band: tuple[float, float] = (1.0, 100.0)
     reference: float | None = None
+    compression: tuple[float, ...] = ()
     name: ClassVar[str] = "elastic"
 
     def __post_init__(self) -> None:
@@ -139,31 +142,40 @@ class ConstantQ:
         self, quality: float, speed: float, frequency: ArrayLike
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return phase velocity in m/s and quality of a wave with ``speed`` at the reference."""
-        stiffer = self._unrelaxed(quality)
+        stiffer = self._unrelaxed(self.shares(quality))
         modulus = _relative_to_unrelaxed(self.shares(quality), self.rates, frequency)
         return (
             speed * np.sqrt(stiffer) / (1.0 / np.sqrt(modulus)).real,
             -modulus.real / modulus.imag,
         )
 
-    def _unrelaxed(self, quality):
+    def _unrelaxed(self, shares):
         """Return the unrelaxed modulus over the modulus at the reference frequency."""
-        reference = self.reference or np.sqrt(self.band[0] * self.band[1])
-        modulus = _relative_to_unrelaxed(self.shares(quality), self.rates, reference)
+        modulus = _relative_to_unrelaxed(shares, self.rates, self._reference)
         return float((1.0 / np.sqrt(modulus)).real ** 2)
+
+    @property
+    def _reference(self):
+        """Frequency in Hz at which the speeds are those of the material."""
+        return self.reference or np.sqrt(self.band[0] * self.band[1])
+
+    def _both(self):
+        """Return the shares of P and S waves, (5,) each."""
+        p = np.array(self.compression) if self.compression else self.shares(self.qp)
+        return p, self.shares(self.qs)
 
     @property
     def branches(self) -> tuple[Branch, ...]:
         """Relaxation mechanisms for the kernel."""
-        p, s = (self.shares(quality) for quality in (self.qp, self.qs))
+        p, s = self._both()
         rows = zip(self.rates, s / (1.0 - s.sum()), p / (1.0 - p.sum()), strict=True)
         return tuple(Branch(*map(float, row)) for row in rows)
 
     def moduli(self, material: "Material") -> tuple[float, float]:
         """Return the relaxed Lame moduli, Pa."""
-        relaxed = [1.0 - self.shares(quality).sum() for quality in (self.qp, self.qs)]
-        shear = material.shear * self._unrelaxed(self.qs) * relaxed[1]
-        p_wave = material.density * material.cp**2 * self._unrelaxed(self.qp) * relaxed[0]
+        p, s = self._both()
+        shear = material.shear * self._unrelaxed(s) * (1.0 - s.sum())
+        p_wave = material.density * material.cp**2 * self._unrelaxed(p) * (1.0 - p.sum())
         return p_wave - 2.0 * shear, shear
 
     def properties(self, material: "Material") -> dict[str, float]:
@@ -174,49 +186,69 @@ class ConstantQ:
         InputError
             If Qp is so large compared with Qs that compression would gain energy.
         """
-        if not self._loses(material):
-            limit = 0.75 * (material.cp / material.cs) ** 2 * self.qs
+        ratio = 0.75 * (material.cp / material.cs) ** 2
+        if self.qp > (1.0 + ROUNDED) * ratio * self.qs and not self._loses(material):
+            qp, qs = (
+                step * towards(value / step)
+                for value, towards in ((ratio * self.qs, math.floor), (self.qp / ratio, math.ceil))
+                for step in [10.0 ** (math.floor(math.log10(value)) - 2)]
+            )
             raise InputError(
                 f"material.qp: {self.qp:g} with qs {self.qs:g} makes compression gain energy; "
-                f"qp must stay clearly below 0.75 (cp/cs)^2 qs = {limit:.3g}"
-                f"{self._nearest(material)}"
+                f"qp must not exceed 0.75 (cp/cs)^2 qs = {ratio * self.qs:.4g}: give "
+                f"qp {qp:.3g} with qs {self.qs:.3g} or qp {self.qp:.3g} with qs {qs:.3g}"
             )
         return {}
 
+    def within(self, material: "Material") -> "ConstantQ":
+        """Return the law with which compression of a material gains energy in no mechanism.
+
+        Where Qp nears ``0.75 (cp/cs)^2 Qs``, at which bulk Q is infinite, mechanisms that are
+        fitted to P and to S waves by themselves differ in sign by some per cent of either: P waves
+        are then fitted with what shear alone loses as the least of each share.
+        """
+        plain = replace(self, compression=())
+        limit = (1.0 + ROUNDED) * 0.75 * (material.cp / material.cs) ** 2 * self.qs
+        if plain._loses(material) or self.qp > limit:
+            return plain
+        ratio = self._reference / np.sqrt(self.band[0] * self.band[1])
+        lost = plain._lost_by_shear(material)
+        least = lost / (1.0 / np.sqrt(_constant(self.qp, ratio))).real ** 2
+        while True:
+            shares = _shares(self.rates, self.band, self.qp, least)
+            law = replace(plain, compression=tuple(map(float, shares)))
+            if law._loses(material):
+                return law
+            held = law._unrelaxed(shares) * shares
+            short = float((lost[lost > 0.0] / held[lost > 0.0]).max())
+            least *= 1.0 + 1.01 * (short - 1.0)
+
+    def _lost_by_shear(self, material):
+        """Return what relaxes in P waves by shear alone, (5,), over their modulus."""
+        s = self.shares(self.qs)
+        return 4.0 / 3.0 * (material.cs / material.cp) ** 2 * self._unrelaxed(s) * s
+
     def _loses(self, material):
         """Tell whether compression of a material loses energy in every mechanism."""
-        p, s = self.shares(self.qp), self.shares(self.qs)
-        p_wave = material.density * material.cp**2 * self._unrelaxed(self.qp)
-        shear = material.shear * self._unrelaxed(self.qs)
+        p, s = self._both()
+        p_wave = material.density * material.cp**2 * self._unrelaxed(p)
+        shear = material.shear * self._unrelaxed(s)
         return not (p_wave * p < 4.0 / 3.0 * shear * s * (1.0 - 1e-9)).any()
 
-    def _nearest(self, material):
-        """Return in words the pairs of quality that a material can have and that are nearest."""
-        pairs = []
-        for key, far, towards in (("qp", 0.1, math.floor), ("qs", 10.0, math.ceil)):
-            bad = getattr(self, key)
-            good = far * bad
-            if not replace(self, **{key: good})._loses(material):
-                continue
-            for _ in range(HALVINGS):
-                middle = math.sqrt(good * bad)
-                loses = replace(self, **{key: middle})._loses(material)
-                good, bad = (middle, bad) if loses else (good, middle)
-            step = 10.0 ** (math.floor(math.log10(good)) - 2)
-            pair = {"qp": self.qp, "qs": self.qs, key: step * towards(good / step)}
-            pairs.append("qp {qp:.3g} with qs {qs:.3g}".format_map(pair))
-        return f": give {' or '.join(pairs)}" if pairs else ""
 
+def _shares(rates, band, quality, least=0.0):
+    """Return the fitted fractions (n,) of mechanisms with given rates; theory.md (2.16).
 
-def _shares(rates, band, quality):
-    """Return the fitted fractions (n,) of mechanisms with given rates; theory.md (2.16)."""
+    ``least`` (n,): of what relaxes in each, over the modulus at the mean frequency of the band.
+    """
     frequency = np.geomspace(band[0], band[1], FIT_POINTS)
     omega = 2.0 * np.pi * frequency[:, None]
     ideal = _constant(quality, frequency / np.sqrt(band[0] * band[1]))
     matrix = np.hstack([np.ones_like(omega), -rates / (rates - 1j * omega)]) / ideal[:, None]
-    wanted = np.repeat([1.0, 0.0], FIT_POINTS)
-    fitted = scipy.optimize.nnls(np.vstack([matrix.real, matrix.imag]), wanted)[0]
-    return fitted[1:] / fitted[0]
+    matrix = np.vstack([matrix.real, matrix.imag])
+    wanted = np.repeat([1.0, 0.0], FIT_POINTS) - (matrix[:, 1:] * least).sum(axis=1)
+    fitted = scipy.optimize.nnls(matrix, wanted)[0]
+    return (fitted[1:] + least) / fitted[0]
 
 
 @lru_cache(maxsize=64)
@@ -387,6 +419,8 @@ class Material:
         for name in ("bulk", "shear"):
             check_modulus(f"material.{name}", getattr(self, name))
         check_tangent("material.friction", self.friction)
+        if isinstance(self.law, ConstantQ):
+            object.__setattr__(self, "law", self.law.within(self))
         for name in ("cohesion", "friction", "tension"):
             if not getattr(self, name) >= 0.0:
                 value = getattr(self, name)

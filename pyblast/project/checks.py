@@ -17,7 +17,7 @@ from ..mesh.as_built import Row
 from ..mesh.mesh import surface_zones, zone_edge_lengths
 from ..model.boundary import Roller, Viscous
 from ..signals.spectra import highest_frequency
-from ..simulation.accuracy import FOUND, Band
+from ..simulation.accuracy import FOUND, HARMONICS, Band, ReceiverError
 from ..simulation.estimate import Cost, at_frequency
 from ..solver.initial_stress import joint_pressures
 from ..solver.injection import near_receivers, refusal
@@ -108,7 +108,7 @@ def check(project, priced=False, progress=None) -> Check:
         *boundary_defects(project),
         *level_findings(project, expected_peaks(project)),
         band_finding(project, project.accuracy.band),
-        expected_error(project.accuracy.rows, project.config.mesh.accuracy, _wider(project)),
+        error_finding(project, project.accuracy.rows),
         energy_finding(source_energy(project)),
         elastic_finding(project.elastic_ground, project.receivers),
         free_field(
@@ -356,9 +356,16 @@ REMEDIES = {
     "slip": "edges for a higher mesh.frequency_hz carry corners of motion that slip makes",
     "low-pass": "a higher low_pass_hz keeps more of it",
     "quality": "a narrower quality_band_hz is fitted better",
+    "sphere": "edges for a higher mesh.frequency_hz shrink the sphere of its source",
     "joint in the layer": "its plane bends there; a larger mesh.size_m moves the layer away",
     "near source": "see finding D38",
+    HARMONICS: "what joints or ground that open, slip or yield put into its record above the "
+    "{carried} Hz that its mesh carries, up to {energy} % of its energy, comes late or rings on as "
+    "no ground does: a higher mesh.frequency_hz leaves less; a low-pass of the record at {carried} "
+    "Hz takes it away, or damping = {{ratio = {ratio}, frequency_hz = {carried}, mass = false, "
+    "lagged = true}} of the material",
 }
+STILLING = 0.004  # of critical at the highest carried frequency
 
 
 def _wider(project):
@@ -376,6 +383,11 @@ def _wider(project):
         f"mesh.padding_m = {padding:.0f} and the layer of hexahedra (mesh.kind) send back less "
         f"than {100 * share:.2g} %"
     )
+
+
+def error_finding(project, rows: Sequence[ReceiverError]) -> Finding | None:
+    """Return `expected_error` of a project by its rows before a run or after it."""
+    return expected_error(rows, project.config.mesh.accuracy, _wider(project))
 
 
 def expected_error(rows, accuracy: float, wider: str = "") -> Finding | None:
@@ -396,7 +408,10 @@ def expected_error(rows, accuracy: float, wider: str = "") -> Finding | None:
         own = [row for row in wrong if row.cause == cause]
         said = [f"{100 * r.waveform:.2g} % at {r.name}" for r in own[:MOST_NAMED]]
         more = f" and {len(own) - MOST_NAMED} more" if len(own) > MOST_NAMED else ""
-        remedy = REMEDIES.get(cause, wider)
+        remedy = REMEDIES.get(cause, wider).format(
+            energy=plain_number(100 * own[0].parts[cause] ** 2, 2),
+            carried=plain_number(own[0].carried), ratio=STILLING,
+        )  # fmt: skip
         texts.append(f"by {cause} {', '.join(said)}{more} ({remedy})")
     worst = wrong[0]
     return Finding(

@@ -150,11 +150,17 @@ def _refuse_above(mesh, position):
         ground = on_ground(mesh, position[:2])[2]
     except InputError:  # outside in plan, or a mesh without a top
         return
+    x, y, z = position
+    end = np.inf if mesh.layer is None else float(mesh.layer.inner[2][1])
+    if end < min(ground, z):
+        raise InputError(
+            f"lies {z - end:.4g} m above the box: z is {z:g} m, the box ends at {end:.6g} m "
+            "below an absorbing layer; give a z within the box, or enlarge it"
+        )
     try:
         locate_in_zones(mesh, position[None])
     except InputError:
-        if position[2] > ground:
-            x, y, z = position
+        if z > ground:
             raise InputError(
                 f"lies {z - ground:.4g} m above the ground: z is {z:g} m, the ground at "
                 f"({x:g}, {y:g}) m is {ground:.6g} m high; correct z or its datum, or leave z out "

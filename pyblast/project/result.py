@@ -424,7 +424,7 @@ def simulated_table(seismogram, band, carried) -> dict:
 
 def receiver_tables(project, simulated, band):
     """Return position, motion, simulated and recorded, and plausible range of each receiver."""
-    tables, rows = {}, {row.name: row for row in project.accuracy.rows}
+    tables, rows = {}, {row.name: row for row in project.accuracy.of_run(simulated)}
     names = source_names(project.model.sources, project.blast)
     for receiver in project.receivers:
         name = receiver.name

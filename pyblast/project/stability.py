@@ -227,6 +227,7 @@ class Stability:
         run : Run
             With this observer.
         """
+        self.observer.take_end(run.state)
         joints = {
             joint.surface: self._joint(number, joint, run)
             for number, joint in enumerate(self.observer.joints)

@@ -297,6 +297,8 @@ def _why_not(summary):
         reason = "leaves too much unexplained"
     elif not tested["subsets"]:
         reason = "cannot be tested, because no record can be held out"
+        less = [each for each in summary["fails"] if each.startswith("blast ")]
+        reason += f", and a large blast contradicts it ({less[0]})" if less else ""
     return f"nothing in the library is shown to explain it: the best candidate, {best}, {reason}"
 
 

@@ -59,15 +59,17 @@ def upward(points, triangles):
 def shown_surface(result):
     """Return points (n_points, 3) m, triangles (n, 3) and peak velocity m/s of what a plan shows.
 
-    Without the padding of an absorbing layer; the peaks are None where the result holds none.
+    Without the padding of an absorbing layer; the peaks are None where the result holds none, and
+    below a top that absorbs waves: that is no surface of ground.
     """
     stored, box = result.arrays["surface_peaks"], result.summary.get("undamped")
+    absorbs = "viscous" in result.summary.get("boundaries", {}).get("top", "")
     points, triangles, peak = (stored[name] for name in ("points", "triangles", "velocity"))
     if box is not None:
         corners = points[triangles][:, :, :2]
         overlaps = (corners.max(axis=1) > box[0]) & (corners.min(axis=1) < box[1])
         triangles = triangles[overlaps.all(axis=1)]
-    return points, triangles, peak if np.any(peak > 0.0) else None
+    return points, triangles, peak if np.any(peak > 0.0) and not absorbs else None
 
 
 def plan_figure(result):

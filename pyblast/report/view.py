@@ -258,7 +258,8 @@ def _ground(given):
         places, fine, peak = given.peaks
         if given.box is not None:
             fine = fine[_touches(given.box[:2], places[fine][..., :2])]
-        part = _with_peaks(part, up & outer, places, fine, peak)
+        if (up & outer).any():  # not where the box ends within an absorbing layer above
+            part = _with_peaks(part, up & outer, places, fine, peak)
     node = cKDTree(points).query(part["points"])[1]
     for number, speed in enumerate(given.frames.values()):
         part["of_point"][f"speed{number}"] = 1e3 * speed[node]

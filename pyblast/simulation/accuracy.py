@@ -3,13 +3,14 @@
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
+from math import prod
 
 import numpy as np
 from scipy.spatial import KDTree
 
 from ..core import JOINT_LAWS
 from ..mesh.mesh import zone_edge_lengths
-from ..model.boundary import Viscous
+from ..model.boundary import Fixed, FreeField, Roller, StressInput, VelocityInput, Viscous
 from ..model.joint import Joint
 from ..model.material import ConstantQ
 from ..model.model import Model
@@ -17,8 +18,8 @@ from ..signals.seismogram import Seismogram, fast_length
 from ..signals.spectra import highest_frequency
 from ..solver.assembly import time_step
 from ..solver.initial_stress import insitu_stress
-from ..solver.injection import near_receivers
-from ..solver.moment_density import NearReceiver
+from ..solver.injection import injected_sources, receivers_beside
+from ..solver.moment_density import NearReceiver, flat_response, sheared_width
 from ..sources.inside import LOST, phase_error
 from .recipe import NODES_FOR_ONE_PER_CENT, WAVELENGTHS, convergence
 
@@ -30,14 +31,19 @@ THIN = 8.0  # layers thinner than a wavelength over this move as one
 STIFF = 0.5  # S speed over that around the sources, of ground through which waves come
 # As `PHASE` of tetrahedra at as many edges per wavelength, and the power with which it falls.
 TETRAHEDRA = {"quadratic": (0.05, 3.0, 3.5), "linear": (0.12, 10.0, 2.0)}
+PRESSED = {"quadratic": 4.5, "linear": 1.5}  # times it for P waves, by their own wavelength
 # Of the motion, what layers of hexahedra send back: more where waves run along them, on paths over
 # three times their distance.
 LAYER, GRAZING, GROWTH, MOST_GRAZING = 0.008, 3.0, 1.5, 0.12
+LEAST_TURN = 2.0 * np.pi  # rad of a way, whose share the step takes at entering
 LOW = 0.15  # of the energy of the motion, below the frequency by which viscous sides are judged
-MARGIN = 1.1  # over what they send back by theory.md (4.5c)
+MARGIN = 1.1  # over what they send back by theory.md (4.5c), and over laws of P waves alone
 WIDER, WIDEST = 10.0, 1000.0  # m, steps of padding that would send less back
 BEND, BENT = 0.1, 0.08  # of an edge, beyond which a plane bends in the layer; its error
 DEEP = 1e6  # m, where no surface is free
+HARMONICS = "harmonics"  # part of the error of a run
+AMISS = 1.1  # over motion that comes late or rings, as the right one is missing in its place
+TAPER = 8.0  # periods of the highest carried frequency beyond the end of a record
 FOUND = 3.0  # times the accuracy asked for, from which on an expected error is a finding
 
 
@@ -54,7 +60,8 @@ class ReceiverError:
         The ground on that way that carries least.
     parts : dict of str to float
         Error of the waveform over the motion (root of the energies), by cause: "mesh",
-        "step", "slip", "low-pass", "quality", "sides", "joint in the layer", "near source".
+        "step", "slip", "low-pass", "quality", "sphere", "sides", "joint in the layer",
+        "near source", and of a run "harmonics".
     peak : float
         Expected error of the peak.
     near : NearReceiver or None
@@ -153,13 +160,54 @@ class Accuracy:
         mechanisms; a low-pass takes its share of the spectrum of what enters, after its attenuation
         by Q; tables say what elements make of motion near a source, and what sides send back.
         Central differences lead on hexahedra; a layer over stiffer ground repeats the delay of its
-        mesh; a joint that slips clips what enters through a face, whose corners the mesh delays.
+        mesh; a joint that slips clips what enters through a face, whose corners the mesh delays and
+        rounds over its strength. What enters through a face comes back from the end across and
+        from joints, on a longer way; dashpots have no impedance of ground with constant Q.
         """
-        near = {row.receiver: row for row in near_receivers(self.model)}
+        near = {row.receiver: row for row in receivers_beside(self.model)}
         return tuple(
             self._row(each.name, np.asarray(each.position, dtype=float), near.get(each.name))
             for each in self.model.receivers
         )
+
+    def of_run(self, simulated: Mapping[str, Seismogram]) -> tuple[ReceiverError, ...]:
+        """Return the expected errors with harmonics in the records of a run.
+
+        Where joints or ground are not linear, they put motion there that no input has. Above what
+        the mesh carries it does not leave, as waves of that length hardly travel in it, and rings
+        on. Its part is what the delay of the mesh changes of it there, at most all of it, beyond
+        what the parts of mesh and slip say.
+
+        Parameters
+        ----------
+        simulated : mapping of str to Seismogram
+            By receiver.
+        """
+        laws = (JOINT_LAWS[joint.law].linear for joint in self.model.joints)
+        if all(laws) and not any(each.yields for each in self.model.materials.values()):
+            return self.rows
+        places = {each.name: np.asarray(each.position) for each in self.model.receivers}
+        return tuple(
+            self._with_harmonics(row, places[row.name], simulated[row.name]) for row in self.rows
+        )
+
+    def _with_harmonics(self, row, position, record):
+        """Return the expected error at a receiver with what the mesh changes of its record."""
+        velocity = _tapered(np.nan_to_num(record.velocity), TAPER / (row.carried * record.dt))
+        length = fast_length(2 * len(velocity))
+        frequency = np.fft.rfftfreq(length, record.dt)
+        change = 1.0 - self._changes(frequency, *self._course(self._way(position)))[0]
+        change *= (frequency > row.carried)[:, None] / np.maximum(np.abs(change), 1.0)
+        wrong = np.fft.irfft(change * np.fft.rfft(velocity, length, axis=0), length, axis=0)
+        wrong = wrong[: len(record.velocity)]
+        size = np.linalg.norm(velocity[: len(record.velocity)], axis=1)
+        whole = AMISS * float(np.linalg.norm(wrong) / max(np.linalg.norm(size), 1e-300))
+        stated = np.hypot(row.parts.get("mesh", 0.0), row.parts.get("slip", 0.0))
+        part = np.sqrt(max(0.0, whole**2 - stated**2))
+        peak = np.linalg.norm(wrong[size.argmax()]) / max(size.max(), 1e-300)
+        peak *= part / max(whole, 1e-300)
+        parts = row.parts | {HARMONICS: float(part)}
+        return replace(row, parts=parts, peak=float(np.hypot(row.peak, peak)))
 
     @cached_property
     def band(self) -> Band:
@@ -209,6 +257,11 @@ class Accuracy:
         return 0.0
 
     @cached_property
+    def _sheared(self):
+        """R/cs in s of the sphere of a source that radiates S waves; theory.md (5.15)."""
+        return sheared_width(self.model, injected_sources(self.model))
+
+    @cached_property
     def _speeds(self):
         """S speeds (n_zones,) in m/s."""
         return self.model.zone_values("cs")
@@ -233,7 +286,7 @@ class Accuracy:
 
     @cached_property
     def _low(self):
-        """Frequency in Hz below which a tenth of the energy of the motion lies."""
+        """Frequency in Hz below which the share LOW of the energy of the motion lies."""
         least = [0.25 / (each.dt * len(each.velocity)) for each in self.after]
         return min(map(max, (highest_frequency(each, LOW) for each in self.after), least))
 
@@ -276,19 +329,26 @@ class Accuracy:
     def _row(self, name, position, near):
         """Return the expected error at a receiver."""
         points = self._way(position)
-        zone = self._zones[0].query(points)[1]
-        carried, limit = self._least(zone)
-        time = np.linalg.norm(np.diff(points, axis=0), axis=1) / self._speeds[zone[1:]]
-        depth = self._depth(points[[0, -1]])
+        carried, limit = self._least(self._zones[0].query(points)[1])
         motions = [
-            self._of_motion(*pair, zone[1:], time, depth)
-            for pair in zip(self.before, self.after, strict=True)
+            self._of_motion(*pair, points) for pair in zip(self.before, self.after, strict=True)
         ]
         parts, peak = max(motions, key=lambda each: sum(each[0].values()), default=({}, 0.0))
-        others = {"sides": self._sides(points), "joint in the layer": self._bent}
+        sides = float(np.hypot(parts.get("sides", 0.0), self._sides(points)))
+        others = {"sides": sides, "joint in the layer": self._bent}
         others["near source"] = 0.0 if near is None else near.error
         peak, parts = float(np.linalg.norm([peak, *others.values()])), parts | others
-        return ReceiverError(name, carried, limit, parts, peak, near)
+        named = near if near is not None and near.named else None
+        return ReceiverError(name, carried, limit, parts, peak, named)
+
+    def _course(self, points):
+        """Return the zones of the pieces of a way (n, 3), their times in s, and depth of its ends.
+
+        Depth is the sum below a free surface, in m.
+        """
+        zone = self._zones[0].query(points)[1][1:]
+        time = np.linalg.norm(np.diff(points, axis=0), axis=1) / self._waves[zone]
+        return zone, time, self._depth(points[[0, -1]])
 
     def _way(self, end):
         """Return points (n, 3) on the way of waves to a receiver.
@@ -324,32 +384,191 @@ class Accuracy:
         name = min(carried, key=lambda group: carried[group])
         return carried[name], name
 
-    def _of_motion(self, whole, passed, zone, time, depth):
-        """Return parts of the error, and that of the peak, of a motion after a way.
+    def _of_motion(self, whole, passed, points):
+        """Return parts of the error, and that of the peak, of a motion after a way (n, 3).
 
-        ``zone`` and ``time`` (n,) are those of its pieces, in s at the speed of S waves; ``depth``
-        is that of both ends below a free surface, in m.
+        What comes back is wrong by its own, longer way, beside the motion or, where they meet,
+        with it.
+        """
+        ways, sides = [self._of_way(whole, passed, points)], 0.0
+        for back, share, returns in self._back(points):
+            away = self._of_way(whole, passed, np.concatenate([points, back]), share)
+            if returns:
+                ways.append(away)
+            else:
+                sides = float(np.linalg.norm(away[0]) / max(np.linalg.norm(ways[0][0]), 1e-300))
+        margin = MARGIN if self._compressed else 1.0
+        parts = {
+            name: margin * _share_of_all([(1.0 - each[name], motion) for motion, each, _ in ways])
+            for name in ways[0][1]
+        }
+        parts["low-pass"] /= margin  # is no estimate
+        changed = [(prod(each.values()), motion) for motion, each, _ in ways]
+        (change, _), (_, changes, size) = changed[0], ways[0]
+        peaks = [_peak_error(changed[:1]), _peak_error(changed)]
+        parts |= {"slip": 0.0, "sides": margin * sides}
+        for behind, velocity in self._slipped(np.nan_to_num(passed.velocity), points):
+            spectrum = size * np.fft.rfft(velocity, _length(whole, passed), axis=0)
+            parts["slip"] = max(parts["slip"], _share(1.0 - changes["mesh"], spectrum))
+            peaks += [_peak_error([(change, spectrum)])] if behind else []
+        return parts, max(peaks)
+
+    def _of_way(self, whole, passed, points, share=None):
+        """Return the spectrum (m, 3) of a motion after a way, what causes make of it, and its size.
+
+        ``share`` of it, a function of the frequencies in Hz, goes on and back at the end.
         """
         frequency, motion, gain = _spectra(whole, passed)
+        zone, time, depth = self._course(points)
         loss, fitted = self._attenuation(frequency, zone, time)
-        delayed, led, ring = self._changes(frequency, zone, time, depth)
-        size = loss[:, None] * ring
-        motion, fitted = size * motion, fitted[:, None]
-        changes = {"mesh": delayed, "step": led, "low-pass": gain, "quality": fitted}
-        parts = {name: _share(1.0 - change, motion) for name, change in changes.items()}
-        parts["slip"] = max(
-            (_share(1.0 - delayed, size * np.fft.rfft(each, _length(whole, passed), axis=0))
-             for each in self._slipped(np.nan_to_num(passed.velocity))), default=0.0,
-        )  # fmt: skip
-        shown = motion * delayed * led * gain * fitted
-        peaks = [
-            np.linalg.norm(np.fft.irfft(each, axis=0), axis=1).max() for each in (motion, shown)
+        turn = len(zone) if share is None else len(zone) - SAMPLES
+        if share is not None and self._softer(zone[[0, turn]]) < 1.0:  # back from a soft layer
+            upwards = self._changes(frequency, zone[:turn], time[:turn], depth)
+            delayed, led, right = (each**2 for each in upwards)
+            early = -2.0 * np.pi * frequency * time[: 1 - 2 * SAMPLES].sum()
+            right = np.exp(1j * (np.angle(right) + early[:, None]))
+        else:
+            delayed, led, right = self._changes(frequency, zone, time, depth)
+        size = loss[:, None] * np.conj(right)
+        if share is not None:
+            size = size * share(frequency)[:, None]
+        fitted = (fitted * self._entered(frequency, zone[0]))[:, None]
+        spread = flat_response(2.0 * np.pi * frequency * self._sheared)[:, None]
+        changes = {"mesh": delayed, "step": led, "low-pass": gain, "quality": fitted,
+                   "sphere": spread}  # fmt: skip
+        # they are of exp(-i w t), spectra of exp(i w t)
+        return size * motion, {name: np.conj(each) for name, each in changes.items()}, size
+
+    @cached_property
+    def _face(self):
+        """Boundary through which motion enters, axis of its normal, its place along it in m."""
+        mesh = self.model.mesh
+        for each in () if self.inside else self.model.boundaries:
+            if isinstance(each, (StressInput, VelocityInput)):
+                points = mesh.points[np.unique(mesh.surfaces[each.surface])]
+                axis = int(np.argmin(np.ptp(points, axis=0)))
+                return each, axis, float(points[:, axis].mean())
+        return None
+
+    @cached_property
+    def _compressed(self):
+        """Whether P waves alone run: motion along the normal of its face, sides on rollers.
+
+        Joints lie across, and all is linear: others make frequencies that did not enter.
+        """
+        if self._face is None:
+            return False
+        mesh, axis, held = self.model.mesh, self._face[1], (Roller, FreeField)
+        motion = np.concatenate([np.nan_to_num(each.velocity) for each in self.after])
+        inner = {each.surface for each in self.model.joints}
+        beside = {
+            name for name in set(mesh.surfaces) - inner
+            if np.argmin(np.ptp(mesh.points[np.unique(mesh.surfaces[name])], axis=0)) != axis
+        }  # fmt: skip
+        return bool(
+            np.abs(np.delete(motion, axis, axis=1)).max() <= 1e-6 * np.abs(motion).max()
+            and beside <= {each.surface for each in self.model.boundaries if isinstance(each, held)}
+            and all(abs(normal[axis]) > 0.999 for _, normal, _ in self._lags)
+            and all(JOINT_LAWS[each.law].linear for each in self.model.joints)
+            and not any(each.yields for each in self.model.materials.values())
+        )
+
+    @cached_property
+    def _waves(self):
+        """Speeds (n_zones,) in m/s of the waves that run: of P waves alone, or of S waves."""
+        return self.model.zone_values("cp") if self._compressed else self._speeds
+
+    def _impedance(self, frequency, zone):
+        """Return the impedance (m,) of a zone over that of dashpots: complex by constant Q."""
+        mesh = self.model.mesh
+        law = self.model.materials[mesh.groups[mesh.zone_group[zone]]].law
+        if not isinstance(law, ConstantQ):
+            return np.ones(len(frequency))
+        low = np.maximum(frequency, 1e-3 * law.band[0])
+        speed, quality = law.wave(law.qp if self._compressed else min(law.qp, law.qs), 1.0, low)
+        return speed / (1.0 + 0.5j / quality)
+
+    def _entered(self, frequency, zone):
+        """Return what enters (m,) of motion through the face beside a zone, over what should."""
+        if self._face is None or isinstance(self._face[0], VelocityInput):
+            return np.ones(len(frequency))
+        ratio = self._impedance(frequency, zone)
+        return 2.0 / (1.0 + ratio) if self._face[0].surface in self._viscous else 1.0 / ratio
+
+    def _back(self, points):
+        """Return ways (n, 3) on from a receiver and back to it, of motion through a face.
+
+        Each with the share that takes it, a function of frequencies in Hz, and whether it should:
+        a free or fixed end across sends all back, and of joints the one that makes most of it;
+        viscous ends send back what is not of their impedance, which is an error.
+        """
+        mesh, ways = self.model.mesh, []
+        if self._face is None or mesh.layer is not None or self.model.sponge is not None:
+            return ways
+        if self._softer(self._zones[0].query(points[[0, -1]])[1]) < 1.0:
+            return ways  # goes up and down in the layer of the receiver, as `_changes` says
+        (_, axis, level), end = self._face, points[-1]
+        far, span = end.copy(), (mesh.points[:, axis].min(), mesh.points[:, axis].max())
+        far[axis] = max(span, key=lambda each: abs(each - level))
+        share = np.linspace(0.0, 1.0, SAMPLES)[:, None]
+
+        def there_and_back(turn):
+            return np.concatenate([end + share * (turn - end), turn + share * (end - turn)])[1:]
+
+        joints = [
+            (_crossing(end, far, middle, normal), lags[0] if self._compressed else max(lags))
+            for middle, normal, lags in self._lags
         ]
-        return parts, abs(peaks[1] / max(peaks[0], 1e-300) - 1.0)
+        middle = max(highest_frequency(each, 0.5) for each in self.after)
+        share_at, lag = max(
+            (each for each in joints if 0.0 < each[0] < 1.0), default=(0.0, 0.0),
+            key=lambda each: abs(_reflected(middle, each[1])) * each[0],
+        )  # fmt: skip
+        if lag > 0.0:
+            turn = end + share_at * (far - end)
+            ways.append((there_and_back(turn), lambda hz: _reflected(hz, lag), True))
+        boundaries = self.model.boundaries
+        holds = {type(each) for each in boundaries if self._lies(each.surface, far, axis)}
+        absorbs = Viscous in holds
+        sign = -1.0 if Fixed in holds or (self._compressed and Roller in holds) else 1.0
+        last = int(self._zones[0].query(far)[1])
+
+        def returned(hz):
+            ratio = self._impedance(hz, last)
+            return (ratio - 1.0) / (ratio + 1.0) if absorbs else np.full(len(hz), sign)
+
+        if not absorbs or np.abs(returned(np.array([middle])))[0] > 0.0:
+            ways.append((there_and_back(far), returned, not absorbs))
+        return ways
+
+    def _lies(self, surface, far, axis):
+        """Return whether a surface is the end across, nearer to a point than to the other end."""
+        points = self.model.mesh.points
+        own = points[np.unique(self.model.mesh.surfaces[surface])]
+        half = 0.5 * np.ptp(points[:, axis])
+        return np.argmin(np.ptp(own, axis=0)) == axis and bool(
+            abs(own[:, axis].mean() - far[axis]) < half
+        )
+
+    @cached_property
+    def _lags(self):
+        """Middle, normal (3,) of joints, impedances of P and S over twice their stiffness in s."""
+        mesh, density, joints = self.model.mesh, self.model.zone_values("density"), []
+        speeds = {"kn": self.model.zone_values("cp"), "ks": self._speeds}
+        for joint in self.model.joints:
+            points = mesh.points[np.unique(mesh.surfaces[joint.surface])]
+            zone, middle = self._zones[0].query(points)[1], points.mean(axis=0)
+            normal = np.linalg.svd(points - middle, full_matrices=False)[2][-1]
+            lags = [
+                float((density * speed)[zone].mean()) / (2.0 * max(joint.properties[key], 1e-3))
+                for key, speed in speeds.items()
+            ]
+            joints.append((middle, normal, lags))
+        return joints
 
     @cached_property
     def _sliding(self):
-        """Joints that may slip: normal (3,), S impedance, strength at its peak and after it, Pa."""
+        """Joints that may slip: middle and normal (3,), S impedance, strengths at peak and rest."""
         if self.inside:  # how strong their waves arrive is not known before a run
             return []
         density, mesh, joints = self.model.zone_values("density"), self.model.mesh, []
@@ -357,7 +576,8 @@ class Accuracy:
             if JOINT_LAWS[joint.law].linear:
                 continue
             points = mesh.points[np.unique(mesh.surfaces[joint.surface])]
-            normal = np.linalg.svd(points - points.mean(axis=0), full_matrices=False)[2][-1]
+            middle = points.mean(axis=0)
+            normal = np.linalg.svd(points - middle, full_matrices=False)[2][-1]
             pressure = joint.pressure_at(points[:, 2])
             if self.model.insitu is not None:
                 xx, yy, zz, yz, zx, xy = insitu_stress(self.model, points).T
@@ -365,17 +585,21 @@ class Accuracy:
                 pressure = -np.einsum("i,ijn,j->n", normal, stress, normal)
             zone = self._zones[0].query(points)[1]
             impedance = float((density[zone] * self._speeds[zone]).min())
-            joints.append((normal, impedance, *_strengths(joint, float(pressure.min()))))
+            joints.append((middle, normal, impedance, *_strengths(joint, float(pressure.min()))))
         return joints
 
-    def _slipped(self, velocity):
-        """Return velocities (n, 3) behind joints that slip, one for each: shear is clipped."""
-        for normal, impedance, peak, rest in self._sliding:
+    def _slipped(self, velocity, points):
+        """Yield velocities (n, 3) behind joints that slip, one for each: shear is clipped.
+
+        Each after whether a way (m, 3) leads through the joint.
+        """
+        for middle, normal, impedance, peak, rest in self._sliding:
             along = np.outer(velocity @ normal, normal)
             stress = impedance * np.linalg.norm(velocity - along, axis=1)[:, None]
             if stress.max() > peak:
                 held = np.minimum(1.0, rest / np.maximum(stress, 1e-300))
-                yield along + held * (velocity - along)
+                behind = 0.0 < _crossing(points[0], points[-1], middle, normal) < 1.0
+                yield behind, along + held * (velocity - along)
 
     def _depth(self, ends):
         """Return the sum of depths (2, 3) in m of points below the free top of the mesh."""
@@ -391,18 +615,14 @@ class Accuracy:
         return depth
 
     def _changes(self, frequency, zone, time, depth):
-        """Return what mesh and step change of a spectrum (m, 1) on a way, and its resonance (m, 1).
+        """Return what mesh and step change of a spectrum (m, 1) on a way, and what the way does.
 
         In the ground of the end, of thickness given and softer than that of the start, waves go up
         and down: ``1 / (cos x - i z sin x)`` of their phase x up, z the ratio of impedances.
         """
         phase, turn = self._phase(frequency, zone, time, depth), 2.0 * np.pi * frequency
         total, last = max(float(time.sum()), 1e-300), self.model.mesh.zone_group[zone]
-        up, ratio = float(time[last == last[-1]].sum()) / total, 1.0
-        if self.model.mesh.groups[last[-1]] in self.heights:
-            ends = zone[[0, -1]]
-            impedance = self.model.zone_values("density")[ends] * self._speeds[ends]
-            ratio = min(1.0, float(impedance[1] / impedance[0]))
+        up, ratio = float(time[last == last[-1]].sum()) / total, self._softer(zone[[0, -1]])
 
         def transfer(lag):
             x = turn * total + lag
@@ -412,13 +632,22 @@ class Accuracy:
         led = np.zeros(len(frequency))
         if self.model.mesh.hexahedral:
             half = np.clip(0.5 * turn * time_step(self.model)[0], 1e-12, 1.0)
-            led = -turn * total * (np.arcsin(half) / half - 1.0)
+            travel = np.maximum(turn * total, LEAST_TURN)
+            led = -travel * (np.arcsin(half) / half - 1.0)
         right = transfer(0.0)
-        return transfer(phase) / right, transfer(led) / right, np.abs(right)
+        return transfer(phase) / right, transfer(led) / right, right
+
+    def _softer(self, ends):
+        """Return the ratio of impedances of the zones at both ends of a way into a layer, or 1."""
+        mesh = self.model.mesh
+        if mesh.groups[mesh.zone_group[ends[1]]] not in self.heights:
+            return 1.0
+        impedance = self.model.zone_values("density")[ends] * self._waves[ends]
+        return min(1.0, float(impedance[1] / impedance[0]))
 
     def _phase(self, frequency, zone, time, depth):
         """Return the phase errors (m,) in rad of a way through zones, by frequency."""
-        mesh, speed = self.model.mesh, self._speeds[zone]
+        mesh, speed = self.model.mesh, self._waves[zone]
         kind = "quadratic" if self.model.quadratic else "linear"
         phase, wanted, power = TETRAHEDRA[kind]
         if mesh.hexahedral:
@@ -431,13 +660,14 @@ class Accuracy:
             edge[own] = np.minimum(edge[own], THIN * height / self.model.edges_per_wavelength)
         for name, carried in self.model.thin_layers.items():
             own = group == mesh.groups.index(name)
-            flat = speed[own] / (self.model.edges_per_wavelength * carried)
+            flat = self._speeds[zone][own] / (self.model.edges_per_wavelength * carried)
             edge[own] = np.minimum(edge[own], flat)
         travel = max(float(time.sum()), 1e-300)
         rate = float(time @ (wanted * edge / speed) ** power) / travel
         waves = np.maximum(frequency * travel, WAVELENGTHS) / WAVELENGTHS
         growth = waves * rate * frequency**power
         if not mesh.hexahedral:
+            phase *= PRESSED[kind] if self._compressed else 1.0
             return np.minimum(phase * growth, LOST)
         return phase_error(growth, np.exp(-2.0 * np.pi * depth / speed[-1] * frequency))
 
@@ -448,16 +678,46 @@ class Accuracy:
         for number in np.unique(mesh.zone_group[zone]):
             law = self.model.materials[mesh.groups[number]].law
             if isinstance(law, ConstantQ):
+                quality = law.qp if self._compressed else law.qs
                 waves = frequency * float(time[mesh.zone_group[zone] == number].sum())
                 inside = np.clip(frequency, *law.band)
-                loss -= np.pi * waves / law.qs
-                lag += 2j * np.pi * waves * law.slowness_error(law.qs, inside)
+                loss -= np.pi * waves / quality
+                lag += 2j * np.pi * waves * law.slowness_error(quality, inside)
         return np.exp(loss), np.exp(lag)
 
 
 def _share(change, motion):
     """Return the norm of a change of spectra (m, 3) over theirs."""
     return float(np.linalg.norm(change * motion) / max(np.linalg.norm(motion), 1e-300))
+
+
+def _share_of_all(ways):
+    """Return the norm of changes of spectra (m, 3) of some ways over theirs: apart, or together."""
+    wrong, whole = [change * motion for change, motion in ways], [motion for _, motion in ways]
+    return max(
+        float(np.linalg.norm(each[0]) / max(np.linalg.norm(each[1]), 1e-300))
+        for each in ((wrong, whole), (sum(wrong), sum(whole)))
+    )
+
+
+def _peak_error(ways):
+    """Return how far changes of the spectra (m, 3) of some ways put the peak of their sum."""
+    right, shown = (
+        np.linalg.norm(np.fft.irfft(each, axis=0), axis=1).max()
+        for each in (sum(own for _, own in ways), sum(change * own for change, own in ways))
+    )
+    return float(abs(shown / max(right, 1e-300) - 1.0))
+
+
+def _crossing(start, end, middle, normal):
+    """Return the share of a straight way at which it crosses a plane; infinity where it doesn't."""
+    slope = float((end - start) @ normal)
+    return float((middle - start) @ normal) / slope if abs(slope) > 1e-9 else np.inf
+
+
+def _reflected(frequency, lag):
+    """Return the share (m,) that a joint sends back, of impedance over twice its stiffness in s."""
+    return 1.0 - 1.0 / (1.0 + 2j * np.pi * frequency * lag)
 
 
 def _strengths(joint: Joint, pressure: float) -> tuple[float, float]:
@@ -487,6 +747,14 @@ def _spectra(whole, passed):
         return frequency, motion, np.ones_like(motion, dtype=float)
     after = np.abs(np.fft.rfft(np.nan_to_num(passed.velocity), n, axis=0))
     return frequency, motion, np.minimum(after / np.maximum(np.abs(motion), 1e-300), 1.0)
+
+
+def _tapered(velocity, samples):
+    """Return a motion (n, 3) that goes on after its end, turned about it, and ends in a taper."""
+    after = min(int(np.ceil(samples)), len(velocity) - 1)
+    taper = np.cos(np.linspace(0.0, 0.5 * np.pi, after + 1)[1:, None]) ** 2
+    turned = 2.0 * velocity[-1] - velocity[-2 : -2 - after : -1]
+    return np.concatenate([velocity, taper * turned])
 
 
 def held_shares(whole: Seismogram, passed: Seismogram, carried: float) -> tuple[float, float]:

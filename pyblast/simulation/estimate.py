@@ -50,6 +50,7 @@ from .recipe import (
 # layer; of a tetrahedron; more of one that may yield; of a contact.
 NODE = {2: (3e-8, 40e-8), 3: (2.5e-8, 18e-8), 4: (2.5e-8, 18e-8)}
 IN_LAYER = {2: 16e-8, 3: 11e-8, 4: 11e-8}
+CACHED, BEYOND = 80_000, 30e-8  # relaxing nodes that caches hold; more of a node where more relax
 ZONE = {"linear": (1.1e-8, 2e-8), "quadratic": (15e-8, 35e-8)}
 YIELDING, CONTACT = 2e-8, 5e-8
 NODES = {"linear": 0.2, "quadratic": 4.6}  # of a tetrahedron
@@ -145,6 +146,8 @@ class _Counts:
         if isinstance(self.kind, int):
             elastic, relaxing = NODE[min(self.kind, max(NODE))]
             layer = IN_LAYER[min(self.kind, max(IN_LAYER))] * self.in_layer
+            if self.relaxing * self.nodes > CACHED:
+                relaxing += BEYOND
             per_node = elastic + self.relaxing * (relaxing - elastic) + layer
             return more + per_node * self.nodes
         elastic, relaxing = ZONE[self.kind]

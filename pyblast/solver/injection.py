@@ -20,7 +20,7 @@ from ..model.material import Material
 from ..model.model import Model
 from ..model.source import Column, Hole, MomentTensor, PointForce, TimeFunction, isotropic_moment
 from .loads import FEWEST_POINTS, point_loads
-from .moment_density import NearReceiver, near_sources
+from .moment_density import NearReceiver, beside_sources, near_sources
 
 LOWEST_ORDER = 4  # order 3 spoils the motion by up to 15 %, order 2 by more than itself
 BESIDE = 0.15  # of an edge: zones nearer to a source count as its own
@@ -186,7 +186,12 @@ def injected_sources(model: Model) -> tuple[int, ...]:
 
 def near_receivers(model: Model) -> tuple[NearReceiver, ...]:
     """Return the receivers near sources that are not injected; see `near_sources`."""
-    return near_sources(model, injected_sources(model))
+    return tuple(row for row in receivers_beside(model) if row.named)
+
+
+def receivers_beside(model: Model) -> tuple[NearReceiver, ...]:
+    """Return all receivers beside sources that are not injected; see `beside_sources`."""
+    return beside_sources(model, injected_sources(model))
 
 
 def with_injection(model: Model, duration: float) -> Model:

@@ -103,6 +103,7 @@ class JointObserver:
         variants = [self.joints] + ([[other[j.surface] for j in self.joints]] if weakest else [])
         self.strengths = [_strengths(variant, self.constants) for variant in variants]
         self.followed = followed
+        self.n_steps = prepared.n_steps
         n, samples = len(self.number), prepared.n_steps // self.every + 1
         self.records = {
             "margin": np.full((len(variants), n), np.inf), "largest_slip": np.zeros(n),
@@ -113,6 +114,25 @@ class JointObserver:
 
     def sample(self, step, state, velocity) -> None:
         """Take the state of the joints at a step, and velocities (n_nodes, 3) of nodes."""
+        slip, opening = self._take_extremes(step, state)
+        normal, records = self.constants["contact_normal"], self.records
+        at = step // self.every
+        for number in range(len(self.joints)):
+            here = (self.number == number) & (self.area > 0.0)
+            failed = here & self.yielded(state["contact_state"])
+            records["history"][at, number] = (
+                slip[here].max(initial=0.0), opening[here].max(initial=0.0),
+                self.area[failed].sum(), self._safety(here, state, normal),
+            )  # fmt: skip
+        for k, nodes in enumerate(self.followed):
+            records["followed"][at, k] = velocity[nodes].mean(axis=0)
+
+    def take_end(self, state) -> None:
+        """Count the state at the end of the run, which may lie between samples, in extremes."""
+        self._take_extremes(self.n_steps, state)
+
+    def _take_extremes(self, step, state):
+        """Count a state in least margins, largest slip and opening; return both of it, (n,) m."""
         initial, normal = (self.constants[f"contact_{n}"] for n in ("initial", "normal"))
         traction, records = state["contact_traction"], self.records
         for least, strength in zip(records["margin"], self.strengths, strict=True):
@@ -127,16 +147,7 @@ class JointObserver:
         records["slip_step"][later] = step
         np.maximum(slip, records["largest_slip"], out=records["largest_slip"])
         np.maximum(opening, records["largest_opening"], out=records["largest_opening"])
-        at = step // self.every
-        for number in range(len(self.joints)):
-            here = (self.number == number) & (self.area > 0.0)
-            failed = here & self.yielded(state["contact_state"])
-            records["history"][at, number] = (
-                slip[here].max(initial=0.0), opening[here].max(initial=0.0),
-                self.area[failed].sum(), self._safety(here, state, normal),
-            )  # fmt: skip
-        for k, nodes in enumerate(self.followed):
-            records["followed"][at, k] = velocity[nodes].mean(axis=0)
+        return slip, opening
 
     def moved(self, contact_state):
         """Return slip since the start and opening of every contact, (n,) m."""
@@ -157,8 +168,9 @@ class JointObserver:
         along = np.einsum("ci,ci->c", traction, normal[here])
         pressed = np.where(along <= 0.0, cohesion[here] - along * friction[here], 0.0)
         shear = area @ (traction - along[:, None] * normal[here])
-        shear_force = float(np.linalg.norm(shear))
-        return float(area @ pressed) / shear_force if shear_force > 0.0 else math.inf
+        shear_force, strength = float(np.linalg.norm(shear)), float(area @ pressed)
+        free = shear_force == 0.0 or shear_force <= ROUNDING * strength
+        return math.inf if free else strength / shear_force
 
     def _present(self, contact_state):
         """Return cohesion and friction that are left of every contact; NaN where a law has none."""
@@ -185,6 +197,7 @@ class JointObserver:
         ended : dict of str to numpy array
             State at the end of the run.
         """
+        self.take_end(ended)
         had, strengths = self.begun["contact_state"][:, FAILED] > 0.0, {}
         has = self.yielded(ended["contact_state"])
         for number, joint in enumerate(self.joints):

@@ -13,7 +13,7 @@ from ..errors import Finding, InputError, ReadError
 from ..files import plain, write_summary, write_text
 from ..inference.variation import COHERENT, ENDS, Charges, Scatter, Span, peaks_with_and_without
 from ..model.model import Model
-from ..project.checks import Check, check
+from ..project.checks import Check, check, error_finding
 from ..project.checks_ground import ModelSummary, summarise_model
 from ..project.elastic_ground import soil_strain
 from ..project.level import CODE as LEVEL
@@ -64,7 +64,7 @@ from ..units import plain_number
 from . import Interrupted, Progress, Say, csv_table, result_folder, silent, write_tables
 
 CHECKPOINT = "checkpoint.h5"
-ENERGY = "D21"
+ENERGY, ERROR = "D21", "D46"
 RESULT = "result.h5"
 COARSER = 5.0  # error of the mesh by which that of a run is measured, over it
 JOINT_HEADS = {
@@ -325,11 +325,12 @@ def _conclude(
     simulated = project.simulated(run_.seismograms)
     comparisons = compare_all(project, simulated)
     complete = "D40" not in {finding.code for finding in checked.findings}
-    judged = (ENERGY, LEVEL) if complete else (ENERGY,)  # again, by the run
+    judged = (ENERGY, ERROR, *((LEVEL,) if complete else ()))  # again, by the run
     before = (finding for finding in checked.findings if finding.code not in judged)
     level = level_findings(project, simulated_peaks(project, simulated, complete))
     energy = energy_finding(source_energy(project, run_.energy["input"]))
-    of_run = energy, soil_strain(project.model, simulated)
+    error = error_finding(project, project.accuracy.of_run(simulated))
+    of_run = energy, error, soil_strain(project.model, simulated)
     after = (*(each for each in of_run if each is not None), *record_findings(simulated))
     checked = replace(checked, findings=(*level, *before, *after))
     stages, names = project.input, ("signature", "superposed", "motion")

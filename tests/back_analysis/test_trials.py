@@ -206,6 +206,7 @@ def test_lagged_damping_that_would_halve_the_step_is_not_marched_in_one_step(tmp
     assert common_time_step(load_project(path), PARAMETERS) is None
 
 
+@pytest.mark.long
 def test_a_worker_of_dask_that_is_killed_costs_nothing(twin, tmp_path):
     distributed = pytest.importorskip("distributed", reason="needs pip install pyblast[dask]")
     points = points_of(twin, 24)

@@ -106,6 +106,7 @@ def test_a_search_goes_on_with_stored_runs_to_the_same_bits(tmp_path):
     assert [row["number"] for row in rows] == [*range(1, whole.runs + 1)]
 
 
+@pytest.mark.long
 def test_a_search_that_ran_out_of_runs_says_so_and_goes_on_with_more(tmp_path):
     path = noisy(tmp_path, runs=13)
     path.write_text(path.read_text().replace("kn_gpa_per_m = 0.2", "kn_gpa_per_m = 0.02"))

@@ -47,6 +47,7 @@ def test_a_body_is_named_with_its_place_size_and_sign(name):
     assert done.summary["held_out"]["improves"]
 
 
+@pytest.mark.long
 def test_a_body_without_its_class_is_located_although_an_error_at_its_receiver_passes_all_else():
     done = diagnosed("beside R3", asked=False)
     decision = done.decision

@@ -135,6 +135,7 @@ def damped_fits(quality=8.0):
     return here, fit(here, ()), fit(here, (Effect("attenuation_Q", "", ((12.0,),)),))
 
 
+@pytest.mark.long
 def test_an_effect_on_top_of_another_is_fitted_by_fewer_runs_as_well():
     """What was fitted before keeps its columns while the clock settles, then both move."""
 
@@ -173,6 +174,7 @@ def finer(scene, fitted, change):
     return SimpleNamespace(motion=lambda _, names: motion[[blasts.index(n) for n in names]])
 
 
+@pytest.mark.long
 def test_an_answer_that_a_finer_mesh_changes_is_corrected():
     here, none, damped = damped_fits()
     found = Search(here, lambda *_: None, none, [damped], damped)

@@ -7,6 +7,7 @@ import pytest
 from scipy import stats
 
 from pyblast.diagnosis import decision
+from pyblast.diagnosis.cross_validation import CrossValidation, Subset
 from pyblast.diagnosis.decision import (
     HALF_WIDTH,
     Decision,
@@ -14,6 +15,7 @@ from pyblast.diagnosis.decision import (
     _rivals,
     _stands_out,
     beside_held_out,
+    contradicted,
     more_remains,
     open_set_ratio,
     undecided,
@@ -108,6 +110,16 @@ def test_the_open_set_is_the_evidence_of_the_answer_over_that_of_sources_anywher
     )
 
     assert open_set_ratio(search, search.fits[0]) == ratio
+
+
+@pytest.mark.parametrize(("gains", "less", "against"), [
+    ((), (), False), ((), ("blast B1",), True), ((9.0, 8.0), ("blast B1",), False),
+    ((-9.0, 1.0), (), True),
+])  # fmt: skip
+def test_what_no_record_is_held_out_for_is_contradicted_by_a_large_blast(gains, less, against):
+    subsets = tuple(Subset(f"R{n}", gain, 0.0, 0.0) for n, gain in enumerate(gains))
+
+    assert contradicted(CrossValidation(subsets), less) == against
 
 
 def held_out(before, after):

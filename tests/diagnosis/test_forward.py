@@ -50,6 +50,7 @@ def test_probe_receivers_are_as_deep_below_a_slope_as_their_receiver():
     )
 
 
+@pytest.mark.long
 def test_a_joint_that_closes_moves_the_ground_as_on_a_mesh_twice_as_fine():
     # its harmonics; on the mesh of the band alone 6 % of the energy of the change is wrong
     site, effect = small_site(), Effect("joint_nonlinear_closure", "J1", ((0.6,),))

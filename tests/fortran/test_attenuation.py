@@ -124,6 +124,32 @@ def test_a_compression_that_would_gain_energy_is_refused():
         ConstantQ(1000.0, 10.0).properties(ROCK)
 
 
+LOH3 = (2600.0, 4000.0, 2000.0, 120.0, 40.0), (2700.0, 6000.0, 3464.0, 155.9, 69.3)
+
+
+@pytest.mark.parametrize("reference", [0.25, 2.5, 25.0])
+@pytest.mark.parametrize(("density", "cp", "cs", "qp", "qs"), LOH3)
+def test_ground_of_infinite_bulk_quality_loses_by_shear_alone(density, cp, cs, qp, qs, reference):
+    law = ConstantQ(qp, qs, (0.25, 25.0), reference)
+    rock = Material.from_speeds(density, cp, cs, law=law)
+    branches, (lame, shear) = rock.law.branches, rock.law.moduli(rock)
+
+    frequency = np.geomspace(0.25, 25.0, 30)
+    p, s = (relative_modulus(branches, frequency, wave) for wave in ("compression", "shear"))
+
+    gains = [(lame + 2 * shear) * b.compression - 4 / 3 * shear * b.shear for b in branches]
+    assert rock.law.properties(rock) == {}
+    assert min(gains) >= -1e-8 * shear * max(b.shear for b in branches)
+    np.testing.assert_allclose(-p.real / p.imag, qp, rtol=0.05)
+    np.testing.assert_allclose(-s.real / s.imag, qs, rtol=0.05)
+
+
+def test_a_quality_below_that_of_infinite_bulk_quality_is_fitted_by_itself():
+    law = ConstantQ(110.0, 40.0, (0.25, 25.0))
+
+    assert Material.from_speeds(2600.0, 4000.0, 2000.0, law=law).law == law
+
+
 @pytest.mark.parametrize("wave", ["compression", "shear"])
 def test_ground_strained_at_once_holds_the_energy_of_its_unrelaxed_modulus(wave):
     law = ConstantQ(30.0, 15.0, (5.0, 50.0))

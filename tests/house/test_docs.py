@@ -75,6 +75,7 @@ def test_words_are_the_standard_ones(page):
     assert not found, "\n".join(found)
 
 
+@pytest.mark.long
 @pytest.mark.skipif(
     any(importlib.util.find_spec(name) is None for name in ("sphinx", "myst_parser", "furo")),
     reason="pip install pyblast[docs]",

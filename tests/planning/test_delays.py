@@ -201,6 +201,7 @@ def test_what_makes_no_plan_is_refused(spectra):
         signature_spectra({"A": wave(1)}, 3, latest=0.1, travel_shifts=[0.0])
 
 
+@pytest.mark.long
 def test_example_ends_with_a_gain_and_a_figure(tmp_path):
     script = Path(__file__).parents[2] / "examples" / "03_best_delays.py"
     environment = os.environ | {"PYTHONPATH": str(script.parents[1]), "MPLBACKEND": "agg"}

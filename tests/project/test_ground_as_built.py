@@ -134,6 +134,15 @@ def test_what_is_not_in_the_ground_is_refused(project, parts, message):
         _ = project(**parts).model
 
 
+def test_a_place_above_a_full_space_is_told_the_top_of_the_box_without_its_layer(project):
+    sides = {"viscous": [*TABLES["boundaries"]["viscous"], "top"]}
+
+    with pytest.raises(InputError, match=r"lies 40 m above the box: .* the box ends at 0 m below"):
+        _ = project(boundaries=sides, force=(30.0, 40.0, 40.0), receiver=(90.0, 50.0, -9.0)).model
+    with pytest.raises(InputError, match=r"receivers\.R1: lies \d+ m above the box"):
+        _ = project(boundaries=sides).model  # without a height
+
+
 def grid(low, high, cell=10.0, hole=None):
     """Return the lines of a table of heights on a grid."""
     x, y = np.meshgrid(*(np.arange(a, b + 0.1, cell) for a, b in zip(low, high, strict=True)))

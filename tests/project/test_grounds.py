@@ -221,6 +221,7 @@ def test_the_step_of_ground_with_quality_factors_is_found_in_seconds(ground):
     assert 20 <= sum(stage == "step" for stage, _, _ in told) <= 80
 
 
+@pytest.mark.long
 def test_every_place_of_a_hill_has_its_height_on_cut_tetrahedra(ground):
     size, heights = (160, 120), hill((160, 120), 9.0)
     project = ground(size=(*size, 60), faults=OBLIQUE, survey=heights, **BELOW)

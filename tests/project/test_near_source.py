@@ -87,7 +87,7 @@ def test_receivers_near_a_source_are_named_with_error_and_edge(project):
     (finding,) = (f for f in check(project).findings if f.code == "D38")
 
     assert "'east 15' stands 15 m from moment tensor 1, 0.23 of the edge of 65 m" in finding.text
-    assert "error up to 75 %; edges of 18.1 m, 170 times the work" in finding.text
+    assert "error up to 75 %; edges of 10 m, 1800 times the work" in finding.text
     assert "'corner 100'" not in finding.text
     assert "Above 20 % at 2 of 4: these count in no fit." in finding.text
     assert finding.numbers["error"] == pytest.approx(0.752, abs=0.01)

@@ -76,6 +76,45 @@ def layered(cells, size):
     return Model(mesh, {"base": ROCK, "soil": ROCK})
 
 
+FULL_SPACE = """
+title = "full space"
+[mesh]
+size_m = [60, 60, 60]
+frequency_hz = 15
+[[mesh.layers]]
+material = "rock"
+[materials.rock]
+density_kg_per_m3 = 2600
+cp_m_per_s = 4000
+cs_m_per_s = 2300
+[boundaries]
+viscous = ["bottom", "south", "north", "west", "east", "top"]
+[run]
+duration_s = 0.05
+[[point_forces]]
+position_m = [30, 30, 30]
+direction = [0, 0, 1]
+file = "force.csv"
+[[receivers]]
+name = "a"
+position_m = [45, 30, 30]
+"""
+
+
+def test_a_full_space_is_reported_without_a_surface_of_ground(tmp_path):
+    # no face of the box looks upward: its top lies within the absorbing layer
+    time = np.arange(0.0, 0.2, 1e-3)
+    pulse = 1e6 * np.exp(-(((time - 0.05) / 0.02) ** 2))
+    np.savetxt(tmp_path / "force.csv", np.c_[time, pulse], "%.9g", ",", header="time_s,force_n",
+               comments="")  # fmt: skip
+
+    folder = run.run(written(tmp_path, text=FULL_SPACE)).folder
+
+    assert "<html" in (folder / "report.html").read_text()
+    assert not (folder / "surface_peaks.csv").exists()
+    assert "ppv" not in scene(read_result(folder))["fields"]
+
+
 def test_each_material_is_closed_and_has_its_volume():
     drawn = scene(layered((4, 3, 6), (40.0, 30.0, 60.0)))
 

@@ -1,19 +1,22 @@
 """Accuracy: the ground on the way counts, expected errors are said, the band that a run holds."""
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from small_project import INSIDE, written
 
 from pyblast.errors import InputError
-from pyblast.project.checks import band_finding, check, expected_error
+from pyblast.project.checks import band_finding, check, error_finding, expected_error
 from pyblast.project.project import Project, load_project
 from pyblast.project.result import compliance_table, simulated_table
 from pyblast.signals.seismogram import Seismogram
 from pyblast.signals.spectra import highest_frequency
 from pyblast.simulation.accuracy import LEAST_ENERGY, LEAST_PEAK, Band, ReceiverError
 from pyblast.sources.inside import MOST, needed_frequency
+from verification import near_source
+from verification.columns import ricker
 
 LAYERS = '[[mesh.layers]]\nmaterial = "rock"'
 SOIL = '[[mesh.layers]]\nmaterial = "soil"\nthickness_m = {}\n' + LAYERS
@@ -235,3 +238,101 @@ def test_errors_of_different_causes_add_as_squares_and_the_largest_is_the_cause(
 
     assert row.waveform == pytest.approx(0.05)
     assert row.cause == "layer"
+
+
+JOINT = """
+title = "Column with a joint"
+[mesh]
+size_m = [400, 20, 20]
+[[mesh.layers]]
+material = "rock"
+[[mesh.faults]]
+name = "F"
+dip_deg = 90
+dip_direction_deg = 90
+through_m = [200, 10, 10]
+[materials.rock]
+density_kg_per_m3 = 2600
+cp_m_per_s = 4000
+cs_m_per_s = 2300
+[joints.F]
+law = "closure"
+kn_mpa_per_m = 104
+ks_mpa_per_m = 35
+closure_mm = 0.5
+[boundaries]
+viscous = ["west", "east"]
+roller = ["south", "north", "bottom", "top"]
+[signature.recorded]
+file = "pulse.csv"
+[input]
+face = "west"
+low_pass_hz = 900
+[[receivers]]
+name = "b"
+position_m = [300, 10, 10]
+[run]
+duration_s = 0.4
+"""
+ELASTIC = (("closure_mm = 0.5\n", ""), ('"closure"', '"elastic"'))
+FINE = ("size_m = [400, 20, 20]", "size_m = [400, 20, 20]\nfrequency_hz = 130")
+
+
+def opened(folder, *changes):
+    """Return a project whose pulse opens a joint, and its records."""
+    times = np.arange(0.0, 0.3, 5e-4)
+    pulse = 0.02 * ricker(times - 0.02, 20.0)
+    lines = [f"{t:.4f},{v:.9g},0,0" for t, v in zip(times, pulse, strict=True)]
+    heads = "time_s,east_m_per_s,north_m_per_s,vertical_m_per_s"
+    (folder / "pulse.csv").write_text("\n".join([heads, *lines]))
+    project = load_project(written(folder, *changes, text=JOINT))
+    return project, project.simulate().seismograms
+
+
+def test_ringing_of_a_joint_that_opened_is_a_part_of_the_error_that_holds_it(tmp_path):
+    """Beside a mesh for three times the frequency."""
+    (project, records), (_, finer) = opened(tmp_path), opened(tmp_path, FINE)
+    record, exact = records["b"], finer["b"]
+    right = np.interp(record.times, exact.times, exact.velocity[:, 0])
+    error = np.linalg.norm(record.velocity[:, 0] - right) / np.linalg.norm(right)
+
+    ((before,), (row,)) = project.accuracy.rows, project.accuracy.of_run(records)
+    finding = error_finding(project, [row])
+
+    assert row.cause == "harmonics"
+    assert before.waveform < 0.2 * error < error < row.waveform < 2.0 * error
+    assert row.parts | {"harmonics": 0.0} == before.parts | {"harmonics": 0.0}
+    assert "by harmonics" in finding.text
+    assert f"{row.carried:.3g} Hz" in finding.text
+
+
+def test_a_joint_without_opening_or_slip_has_no_harmonics_in_its_error(tmp_path):
+    project, records = opened(tmp_path, *ELASTIC)
+
+    assert project.accuracy.of_run(records) == project.accuracy.rows
+    assert error_finding(project, project.accuracy.of_run(records)) is None
+
+
+def test_a_joint_that_stays_closed_has_no_harmonics(tmp_path):
+    stiff = ("closure_mm = 0.5", "closure_mm = 0.5\ninsitu_pressure_kpa = 5000")
+    project, records = opened(tmp_path, stiff)
+
+    (row,) = project.accuracy.of_run(records)
+
+    assert row.parts["harmonics"] == 0.0
+    assert row.peak == project.accuracy.rows[0].peak
+
+
+@pytest.mark.parametrize(("source", "measured"), [("couple", 0.015), ("explosion", 0.0)])
+def test_what_a_sphere_takes_from_its_s_waves_is_stated_at_any_distance(source, measured):
+    # measured at 95 to 200 m: docs/decisions.md, "The sphere of a source"
+    receivers = [np.array([r, 0.0, 0.0]) for r in (95.0, 200.0)]
+    mesh = {"frequency_hz": 40, "near_source_work": 1.0, "order": 5, "size_m": [462.0] * 3}
+    parts = near_source.tables(source, [-231.0] * 3, receivers, False, **mesh)
+    project = near_source.written(parts)
+    model = replace(project.model, injected=False)
+
+    near, far = (row.parts["sphere"] for row in replace(project.accuracy, model=model).rows)
+
+    assert near == pytest.approx(far, rel=1e-9)
+    assert near == pytest.approx(measured, rel=0.1)

@@ -10,6 +10,7 @@ from pyblast.errors import InputError
 from pyblast.project.checks import check
 from pyblast.project.checks_ground import summarise_model
 from pyblast.project.project import load_project
+from pyblast.simulation.estimate import _Counts
 
 UNSIZED = ("grid_cells = [12, 4, 6]\n", "")
 EDGES = ("grid_cells = [12, 4, 6]", "edge_m = 6")
@@ -97,3 +98,12 @@ def test_edges_without_end_are_priced_at_once(tmp_path, kind):
     assert time.process_time() - began < 2.0
     assert dear is not None
     assert dear.numbers["nodes"] > 1e12
+
+
+@pytest.mark.parametrize(
+    ("nodes", "in_layer", "wanted"), [(37_485, 0.79, 2.5e-7), (125_125, 0.64, 5.6e-7)]
+)
+def test_memories_that_caches_do_not_hold_cost_what_was_measured(nodes, in_layer, wanted):
+    counts = _Counts(4, nodes / 69.0, nodes, 0.0, 1.0, in_layer, 0.0)
+
+    assert counts.seconds / nodes == pytest.approx(wanted, rel=0.2)

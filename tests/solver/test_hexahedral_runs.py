@@ -302,7 +302,10 @@ def test_ground_that_yields_is_refused():
         replace(model(), materials={"rock": rock})
 
 
-@pytest.mark.parametrize("ground", GROUNDS)
+@pytest.mark.parametrize(
+    "ground",
+    [pytest.param(g, marks=pytest.mark.long if g == "attenuating" else ()) for g in GROUNDS],
+)
 def test_next_to_nothing_comes_back_from_the_layer(ground):
     duration = 0.25
     large = simulate(open_box(6, False, **GROUNDS[ground]), duration)

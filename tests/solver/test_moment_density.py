@@ -17,9 +17,12 @@ from pyblast.project.project import load_project
 from pyblast.runs.greens import greens_functions
 from pyblast.solver.loads import model_loads
 from pyblast.solver.moment_density import (
+    ERRORS,
+    beside_sources,
     clearance,
     deconvolved,
     edge_at,
+    flat_response,
     moment_forces,
     near_sources,
     response,
@@ -234,3 +237,37 @@ def test_models_that_share_a_mesh_average_over_the_sphere_of_a_hole_once(monkeyp
     for name, wanted in first.items():
         np.testing.assert_array_equal(again[name], wanted)
     assert other.keys() == first.keys()
+
+
+@pytest.mark.parametrize("kind", list(ERRORS))
+def test_errors_near_a_source_end_at_one_per_cent_and_fall_to_it(kind):
+    ratios, errors = ERRORS[kind]
+
+    assert errors[-1] == 0.01
+    assert min(errors[:-1]) > 0.01
+    assert (np.diff(ratios) > 0.0).all()
+
+
+@pytest.mark.parametrize("ratio", [0.6, 1.0, 1.2, 1.4, 2.0, 3.0])
+@pytest.mark.parametrize("tensor", [np.eye(3), np.eye(3)[[1, 0, 2]] * [1.0, 1.0, 0.0]])
+def test_the_edge_that_is_asked_for_is_shorter_than_one_that_errs(tensor, ratio):
+    mesh = structured_box((8, 4, 4), (320.0, 160.0, 160.0), order=4)
+    source = MomentTensor(np.full(3, 60.0), tensor, 0.0, RATE)
+    receiver = Receiver("A", (60.0 + 40.0 * ratio, 60.0, 60.0))
+    model = Model(mesh, {"rock": ROCK}, sources=[source], receivers=[receiver])
+
+    (row,) = beside_sources(model)
+
+    assert row.named == (row.error > 0.01) == bool(near_sources(model))
+    assert (row.edge_needed < row.edge) == row.named
+    if ratio >= 1.5:
+        assert row.error == pytest.approx(0.01 * (1.5 / ratio) ** 2)
+
+
+def test_a_density_without_second_moment_leaves_all_but_the_fourth_power_of_a_wave():
+    x = np.array([0.1, 0.2, 0.4])
+
+    left = 1.0 - flat_response(x)
+
+    assert left[1:] / left[:-1] == pytest.approx([16.0, 16.0], rel=0.02)
+    assert flat_response(np.zeros(1)) == pytest.approx([1.0], abs=1e-12)

@@ -12,7 +12,7 @@ from pyblast.solver.assembly import initial_pressures
 from pyblast.solver.initial_stress import joint_pressures
 from pyblast.solver.preparation import prepare
 from pyblast.solver.run import simulate
-from pyblast.solver.slip import SLIP, JointObserver, run_with_slip, slip_factors
+from pyblast.solver.slip import GAP, SLIP, JointObserver, run_with_slip, slip_factors
 
 NORMAL = np.array([[1.0, 0.0, 0.0]])
 
@@ -131,6 +131,34 @@ def test_slip_before_the_blast_is_no_slip_of_the_blast():
 
     assert not observer.moved(before)[0].any()
     assert observer.moved(after)[0] == pytest.approx(5e-4, rel=1e-12)
+
+
+def test_largest_slip_and_opening_count_the_end_between_samples():
+    model = sheared(0.05)
+    prepared = prepare(model, 0.01)
+    observer = JointObserver(model, prepared, 100.0)
+    ended = {name: value.copy() for name, value in prepared.state.items()}
+    ended["contact_state"][:, SLIP] += [3e-4, 0.0, 4e-4]
+    ended["contact_state"][:, GAP] = 2e-4
+
+    observer.by_surface(ended)
+
+    assert observer.records["largest_slip"] == pytest.approx(5e-4, rel=1e-12)
+    assert observer.records["largest_opening"] == pytest.approx(2e-4, rel=1e-12)
+    assert (observer.records["slip_step"] == prepared.n_steps).all()
+
+
+def test_pressure_whose_shear_is_round_off_has_no_factor_of_safety():
+    model = sheared(0.05)
+    prepared = prepare(model, 0.01)
+    observer = JointObserver(model, prepared, 100.0)
+    state = {name: value.copy() for name, value in prepared.state.items()}
+    normal = prepared.constants["contact_normal"]
+    state["contact_traction"] = -4e5 * normal + [0.0, 1e-10, 0.0]
+
+    observer.sample(0, state, np.zeros_like(prepared.state["velocity"]))
+
+    assert observer.records["history"][0, 0, 3] == math.inf
 
 
 @pytest.mark.parametrize("worn", [0.0, 0.5, 1.0, 2.0])

@@ -80,6 +80,7 @@ def test_a_component_the_wrong_way_round_is_said_before_any_ground_is_judged():
     assert one["runs"] == 8  # of two blasts: as it is, mended, around receivers, for the page
 
 
+@pytest.mark.long
 def test_a_mistake_is_mended_when_asked_and_the_site_judged():
     one = found(flipped, correct=True)
     assert one["outcome"] == "NULL"
@@ -102,6 +103,7 @@ def test_what_is_named_foretells_records_that_were_left_out():
     assert {fold["name"] for fold in proof["subsets"]} == {"S1", "B1"}
 
 
+@pytest.mark.long
 def test_one_silent_hole_is_a_misfire_of_that_hole_and_not_of_all_charges():
     site = small_site()
     silent = replace(site.blasts["B1"], charge=np.array([60.0, 1e-6, 60.0]))
