@@ -29,12 +29,14 @@ def reversed_record(tmp_path_factory):
     return back_analyse(path)
 
 
+@pytest.mark.long
 def test_a_fit_to_good_records_has_no_finding(tmp_path):
     result, _ = back_analyse(noisy(tmp_path))
 
     assert codes(result) == {}
 
 
+@pytest.mark.long
 def test_reversed_polarity_is_a_finding(reversed_record):
     result, folder = reversed_record
     findings = codes(result)
@@ -63,6 +65,7 @@ def test_a_model_that_lacks_something_is_said_and_no_value_is_called_well_constr
     assert ">well<" not in page
 
 
+@pytest.mark.long
 def test_a_value_at_a_bound_is_a_finding(tmp_path):
     path = noisy(tmp_path)
     ks = PARAMETERS[1]
@@ -76,6 +79,7 @@ def test_a_value_at_a_bound_is_a_finding(tmp_path):
     assert "only where such a value is possible" in findings["D31"].text
 
 
+@pytest.mark.long
 def test_a_record_without_one_component_is_searched(tmp_path):
     path = noisy(tmp_path)
     rows = [line.split(",") for line in path.with_name("wall.csv").read_text().splitlines()]

@@ -211,6 +211,7 @@ def test_more_never_costs_and_less_never_gains(plan):
         assert (one.gain < 0.0) == (one.kind == "without")
 
 
+@pytest.mark.long
 def test_a_given_level_of_noise_is_taken(tmp_path):
     loud, quiet = (
         design_survey(table(tmp_path, noise_mm_per_s=level, candidate_grid=[1, 1]))[0]

@@ -138,6 +138,7 @@ def test_a_log_line_holds_values_peaks_frequencies_misfit_and_time(twin, tmp_pat
     assert row["misfit"] > 1.0
 
 
+@pytest.mark.long
 def test_processes_and_threads_give_the_misfits_of_one_worker(twin, tmp_path):
     points = points_of(twin, 11)
 

@@ -68,6 +68,7 @@ def test_what_is_held_is_not_known_and_the_page_says_what_would_help(found):
     assert set(one.fit.left_out) >= {"the error of the mesh", "F1.place"}
 
 
+@pytest.mark.long
 def test_priors_that_are_smaller_make_intervals_smaller(found, tmp_path):
     wide = found[0].fit.intervals()
     path = noisy(tmp_path)
@@ -92,6 +93,7 @@ def test_noise_leaves_its_share_of_the_energy(tmp_path):
     assert 0.2 < remaining(records, motion) / (noise / energy) < 1.5
 
 
+@pytest.mark.long
 def test_a_search_goes_on_with_stored_runs_to_the_same_bits(tmp_path):
     path = noisy(tmp_path)
     whole, folder = back_analyse(path)
@@ -129,6 +131,7 @@ def test_fewer_runs_than_the_derivatives_need_are_refused_with_their_number(tmp_
         back_analyse(noisy(tmp_path, runs=5))
 
 
+@pytest.mark.long
 def test_a_step_that_can_not_be_run_ends_the_search_with_what_is_known(tmp_path, monkeypatch):
     def broken(*_):
         raise SolverError("unstable after 3 steps")
@@ -142,6 +145,7 @@ def test_a_step_that_can_not_be_run_ends_the_search_with_what_is_known(tmp_path,
     assert len(result.trace.misfits) == 1
 
 
+@pytest.mark.long
 def test_a_search_that_does_not_end_starts_again_with_the_lower_third_of_the_band(
     tmp_path, monkeypatch
 ):
@@ -169,6 +173,7 @@ def test_another_method_for_waveforms_is_refused(tmp_path):
         back_analyse(noisy(tmp_path, method="'random'"))
 
 
+@pytest.mark.long
 def test_values_are_written_although_the_full_run_and_the_page_fail(tmp_path, monkeypatch):
     def broken(*_):
         raise SolverError("no full run today")

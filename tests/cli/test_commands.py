@@ -84,6 +84,7 @@ def test_every_command_explains_itself(command):
     assert len(shown.output.splitlines()) > 5
 
 
+@pytest.mark.long
 def test_wrong_input_ends_with_one_sentence_and_code_two(tmp_path):
     process = spawn("run", written(tmp_path, ("kn_gpa_per_m = 0.114", "kn_gpa_per_m = -1")))
     _, told = process.communicate(timeout=60)
@@ -281,6 +282,7 @@ def test_a_run_whose_level_is_far_off_says_so_in_its_first_lines(tmp_path):
     assert "Oriard 1972" in page
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("command", ["check", "superpose"])
 def test_commands_that_run_nothing_name_a_level_far_off(tmp_path, command):
     assert "D36" not in call(command, written(tmp_path)).output

@@ -93,6 +93,7 @@ def ignoring(number, command, **options):
         signal.signal(number, before)
 
 
+@pytest.mark.long
 @pytest.mark.skipif(sys.platform != "linux", reason="asks /proc which processes run")
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGINT])
 def test_workers_end_with_the_process_that_started_them(number, tmp_path):
@@ -124,6 +125,7 @@ def test_code_that_is_not_python_is_ended_within_two_seconds(number):
     assert process.stderr.read() == "pyblast: interrupted\n"
 
 
+@pytest.mark.long
 @SIGNALS
 @pytest.mark.parametrize("stage", ["mesh", "time steps"])
 def test_every_stage_of_a_job_in_the_background_is_ended_within_two_seconds(
@@ -142,6 +144,7 @@ def test_every_stage_of_a_job_in_the_background_is_ended_within_two_seconds(
     assert process.stderr.read().startswith("pyblast: interrupted")
 
 
+@pytest.mark.long
 def test_meshing_goes_on_as_before_after_an_interruption():
     box, layers = ((0, 60), (0, 60), (0, 40)), [Layer("rock")]
     before = build_mesh(box, layers, edge=10.0)
@@ -176,6 +179,7 @@ def test_the_pieces_of_a_long_call_change_no_bit(first, monkeypatch):
     assert state["row_lost"].max() > 0.0
 
 
+@pytest.mark.long
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="no processes are forked here")
 def test_a_process_that_was_forked_after_a_run_gives_the_same_bits(tmp_path):
     assert python(FORKED, written(tmp_path, text=INSIDE), threads=2)
@@ -187,6 +191,7 @@ def test_far_too_many_threads_are_limited():
     assert python(many, threads=100_000) == os.cpu_count()
 
 
+@pytest.mark.long
 @pytest.mark.skipif(not FULL.exists(), reason="no device that is full")
 def test_an_output_that_cannot_be_written_is_told(tmp_path):
     with FULL.open("w") as full:
@@ -199,6 +204,7 @@ def test_an_output_that_cannot_be_written_is_told(tmp_path):
     assert len(done.stderr.splitlines()) == 1
 
 
+@pytest.mark.long
 def test_a_run_goes_on_without_a_reader_of_its_output(tmp_path):
     process = spawn("run", written(tmp_path, text=INSIDE), "--accept-findings")
     process.stdout.close()
@@ -208,6 +214,7 @@ def test_a_run_goes_on_without_a_reader_of_its_output(tmp_path):
     assert (tmp_path / "results" / "001" / "report.html").is_file()
 
 
+@pytest.mark.long
 def test_names_that_a_file_system_lacks_cost_no_run(tmp_path):
     names = ('"R1"', '"Köln"'), ('title = "Small column"', 'title = "Größe ↑"')
     path = written(tmp_path, *names, text=TEXT)
@@ -223,6 +230,7 @@ def test_names_that_a_file_system_lacks_cost_no_run(tmp_path):
     assert (tmp_path / "results" / "001" / "curves" / "simulated_K_ln.csv").is_file()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("stage", ["time steps", "results and report"])
 def test_a_results_folder_that_is_removed_during_a_run_is_made_again(stage, tmp_path):
     path = written(tmp_path, ("duration_s = 0.1", "duration_s = 2"), text=INSIDE)

@@ -30,6 +30,7 @@ def diagnosed(name, asked=True):
         return diagnose(recorded(site, truth, fine=True).project)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "name",
     ["stiff", *(pytest.param(name, marks=pytest.mark.long) for name in ("soft", "beside R3"))],
@@ -67,6 +68,7 @@ def test_a_body_without_its_class_is_located_although_an_error_at_its_receiver_p
     assert any("a change of the rock at one place alone" in each for each in done.summary["fails"])
 
 
+@pytest.mark.long
 def test_without_a_body_none_is_found_and_its_limits_are_given():
     done = diagnosed("")
     (limit,) = [

@@ -55,6 +55,7 @@ def gain(scene, label, target, *values):
     return found.log_evidence - fit(scene, ()).log_evidence, found
 
 
+@pytest.mark.long
 def test_calibration_finds_speeds_and_stiffness_within_its_own_errors():
     baseline = scene().baseline
 
@@ -78,6 +79,7 @@ def test_nothing_is_found_where_nothing_is_hidden():
             assert gain(scene(), label, receiver, start)[0] < 2.0, (label, receiver)
 
 
+@pytest.mark.long
 def test_a_slow_clock_is_found_at_its_receiver_with_its_shift():
     scores = {r: gain(scene(late), "clock_error", r, 4e-3) for r in scene(late).case.receivers}
 
@@ -87,6 +89,7 @@ def test_a_slow_clock_is_found_at_its_receiver_with_its_shift():
     assert scores[best][1].effects[0].parameters["shift"] == pytest.approx(8e-3, abs=1e-3)
 
 
+@pytest.mark.long
 def test_a_component_the_wrong_way_round_is_found():
     worth, found = gain(scene(flipped), "sensor_orientation_or_polarity/north", "R1", -1.0)
 

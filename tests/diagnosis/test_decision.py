@@ -189,6 +189,7 @@ def test_an_answer_that_a_finer_mesh_changes_is_corrected():
     assert decision.fit.effects[0].values[0][0] == pytest.approx(4.8, rel=0.1)  # 1/8 + 1/8 - 1/24
 
 
+@pytest.mark.long
 def test_an_answer_that_a_finer_mesh_leaves_without_evidence_may_be_the_mesh(monkeypatch):
     here, none, damped = damped_fits(5.0)
     found = Search(here, lambda *_: None, none, [damped], damped)
@@ -292,6 +293,7 @@ def test_a_clock_and_a_charge_explain_more_than_sources_anywhere_in_the_ground()
         assert open_set_ratio(searched(here, none, chosen), chosen) > 1.0
 
 
+@pytest.mark.long
 def test_a_body_that_no_clock_explains_is_outside_of_what_is_known():
     body = Body((85.0, 45.0, -20.0), -0.5, 15.0)
     here = with_holes(scene_of(recorded(small_site(), small_site().changed(fields=(body,)))))

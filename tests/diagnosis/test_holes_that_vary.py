@@ -70,6 +70,7 @@ def fitted(name, scene):
     return fit(scene, [Effect(name, TARGETS[name], (start,))])
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("name", "draws"), [
     *(pytest.param(name, DRAWS, marks=pytest.mark.long) for name in TARGETS),
     (MISFIRE, FEW),

@@ -168,6 +168,7 @@ def one_record():
     return diagnose(case.project).summary
 
 
+@pytest.mark.long
 def test_one_receiver_and_one_blast_name_nothing():
     found = one_record()
 

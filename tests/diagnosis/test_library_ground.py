@@ -210,6 +210,7 @@ def unpressed(joint):
     return replace(joint, insitu_pressure=0.0)
 
 
+@pytest.mark.long
 def test_a_slipping_joint_may_have_any_strength_of_its_range():
     for strength in np.geomspace(1e3, 1e7, 300):  # rounding must not leave a cohesion below zero
         slips = applied("joint_slip", "J1", strength=float(strength), residual=0.5)

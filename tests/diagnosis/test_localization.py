@@ -43,6 +43,7 @@ def run_with(changed):
     return scene().seen(np.array(motion) - scene().baseline.motion)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("place", [(90.0, 45.0, -15.0), (75.0, 70.0, -40.0)])
 def test_a_soft_body_is_located_where_it_is(place):
     zone = DamagedZone(np.array([[place, place]]), 0.5, 15.0)

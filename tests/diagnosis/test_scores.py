@@ -56,6 +56,7 @@ def classes(kind):
     return {label: float(value[0]) for label, value in by_class.items()}
 
 
+@pytest.mark.long
 def test_every_hypothesis_is_a_member_at_every_target_and_strength():
     members = scores("nothing").members
 
@@ -84,6 +85,7 @@ def test_nothing_scores_where_nothing_is_missing():
     assert max(classes("nothing").values()) < 3.0
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("kind", "label"),
     [("filled", "joint_viscous_fill"), ("late and loud", "misfire_or_charge_error")],
@@ -188,6 +190,7 @@ def test_scores_that_fail_cost_themselves(monkeypatch):
     assert list(scene.failures) == [module.SCORES]
 
 
+@pytest.mark.long
 def test_a_small_effect_is_fitted_and_named():
     """A clock that is late by less than two samples."""
 
@@ -221,6 +224,7 @@ def test_an_error_of_firing_times_moves_the_motion_of_each_hole():
     np.testing.assert_allclose(column[1], expected, atol=0.05 * np.abs(expected).max())
 
 
+@pytest.mark.long
 def test_the_law_of_an_effect_on_the_ground_has_an_error_and_that_of_a_clock_has_none():
     site, band = scores("filled"), scores("filled").scene.case.band
     filled = fit(site.scene, (Effect("joint_viscous_fill", "J1", ((2e-3,),)),))

@@ -349,6 +349,7 @@ def test_a_broken_model_file_is_refused_in_one_sentence(damage, exported, tmp_pa
     assert not (tmp_path / "result.h5").exists()
 
 
+@pytest.mark.long
 def test_damage_at_random_is_refused_in_one_sentence_or_leaves_a_model(tmp_path):
     row = fuzz.fuzz("model file", 0, 45, 5, tmp_path)
 

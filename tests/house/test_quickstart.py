@@ -15,6 +15,7 @@ from pyblast.workflows.back_analysis import RESULT
 from pyblast.workflows.run import compare_all
 
 
+@pytest.mark.long
 def test_the_quick_start_says_what_its_run_gives():
     project = load_project(ROOT / "examples" / "fault_from_records" / "project.toml")
     motion = project.simulate().seismograms

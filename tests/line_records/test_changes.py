@@ -45,6 +45,7 @@ def test_a_step_is_dated_and_named(kind, station, step):
         assert off.max() < 0.1
 
 
+@pytest.mark.long
 def test_nothing_is_found_where_nothing_changed():
     alarms = [len(changes(monitoring(seed))) for seed in range(60)]
 

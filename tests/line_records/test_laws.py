@@ -81,6 +81,7 @@ def test_rayleigh_speed_of_a_half_space_is_that_of_the_closed_form():
     assert found == pytest.approx(91.94, rel=2e-3)
 
 
+@pytest.mark.long
 def test_a_soft_layer_is_named_and_a_half_space_is_not():
     frequency = np.geomspace(5.0, 80.0, 30)
     slow = np.interp(FREQUENCY, frequency, rayleigh_speeds(frequency, [3.0], [150.0, 280.0]))
@@ -163,6 +164,7 @@ def test_a_shift_that_explains_little_is_not_named():
     assert "too small a gain" in said[0].reason
 
 
+@pytest.mark.long
 def test_outlying_picks_do_not_move_the_layer():
     f = np.geomspace(10.0, 60.0, 14)
     speed = rayleigh_speeds(f, [3.0], [150.0, 280.0])
@@ -179,6 +181,7 @@ def test_outlying_picks_do_not_move_the_layer():
     assert np.exp(fit_layer(wrong, 0.4)[0][1]) != pytest.approx(150.0, rel=0.02)
 
 
+@pytest.mark.long
 def test_a_hyperbola_of_closure_is_named_with_its_stiffness_and_a_line_is_not():
     closure = np.linspace(0.0, 1e-4, 13)
     rng = np.random.default_rng(0)
@@ -193,6 +196,7 @@ def test_a_hyperbola_of_closure_is_named_with_its_stiffness_and_a_line_is_not():
     assert closure_law([closure] * 2, straight).outcome == "NULL"
 
 
+@pytest.mark.long
 def test_firing_times_charges_and_nothing_are_told_apart():
     rng = np.random.default_rng(1)
     pulse = np.exp(-np.arange(200) * 0.02) * np.sin(0.2 * np.arange(200))

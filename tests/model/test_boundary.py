@@ -42,6 +42,7 @@ def test_a_wide_layer_reflects_less_and_a_narrow_one_as_its_dashpots(angle):
     assert angle == 0.0 or back[3] < dashpots
 
 
+@pytest.mark.long
 def test_a_narrow_rim_sends_less_back_where_its_drag_is_held():
     site = small_site()
     wide = heard(site, replace(CUT, padding=600.0))  # 1.5 of the longest S wave

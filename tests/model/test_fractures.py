@@ -65,6 +65,7 @@ def test_a_truncated_law_keeps_to_its_range(name):
     assert (np.diff(radii) > 0.0).all()
 
 
+@pytest.mark.long
 def test_p32_is_that_of_its_expectation(monkeypatch):
     monkeypatch.setattr(fractures, "MOST_FRACTURES", 10**6)
     sizes = SizeLaw("exponential", 4.0, range=(1.0, 12.0))

@@ -47,6 +47,7 @@ def test_speeds_and_moduli_follow_the_field_and_density_stays():
     assert critical_step(model).dt >= critical_step(plain).dt
 
 
+@pytest.mark.long
 def test_heterogeneity_has_its_deviation_and_correlation():
     field = Heterogeneity(0.05, 10.0, seed=4)
     places = RNG.uniform(0.0, 400.0, size=(20000, 3))

@@ -210,6 +210,7 @@ def test_a_project_without_a_band_is_refused(tmp_path):
         case_of(with_further(load_project(path)))
 
 
+@pytest.mark.long
 def test_other_projects_are_run_on_their_own_mesh_and_say_what_they_do_not_test(tmp_path):
     dips = ("dip_deg = 90", "dip_deg = 60"), ("extent_m = [50, 30]", "")
     rough = ("edge_m = 10\n", "edge_m = 30\n"), ("padding_edge_m = 20", "padding_edge_m = 30")
@@ -350,6 +351,7 @@ def write_site(folder, project):
     return folder / "S1.toml"
 
 
+@pytest.mark.long
 def test_projects_with_the_ground_at_other_heights_foretell_the_same(tmp_path, monkeypatch):
     monkeypatch.setattr("pyblast.simulation.simulation.is_single", lambda _: False)
     mesh = "edge_m = 10\npadding_m = 30\npadding_edge_m = 20"

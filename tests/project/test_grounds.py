@@ -148,6 +148,7 @@ CUT = {
 }  # no grid serves
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", GROUNDS)
 def test_the_ground_is_built_as_the_file_asks(ground, name):
     built = ground(**GROUNDS[name]).meshed
@@ -159,6 +160,7 @@ def test_the_ground_is_built_as_the_file_asks(ground, name):
     assert explicit_work(built.mesh) < 50.0 * nodes  # 2 cm between nodes: no step of 1e-8 ms
 
 
+@pytest.mark.long
 def test_more_receivers_leave_the_planes_of_a_set_as_they_are(ground):
     parts = GROUNDS["oblique set"]
     places = [(100, 100), (110, 95), (95, 105), (112, 108), (120, 110)]
@@ -185,6 +187,7 @@ def test_one_fault_in_flat_ground_is_no_reason_for_a_finding(ground):
     assert {"D22", "D37", "D39"}.isdisjoint(finding.code for finding in checked.findings)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("kind", ["hexahedra", "tetrahedra"])
 def test_a_joint_that_sets_the_time_step_is_named_with_its_price(ground, kind):
     plane = [fault("F", 90, 90, (60, 45, 60))]

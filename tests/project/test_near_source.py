@@ -113,6 +113,7 @@ def wide(project):
     return changed(project, "wide", near_source_work=(1, 10))
 
 
+@pytest.mark.long
 def test_a_uniform_ground_goes_on_until_its_explosion_is_injected_and_every_receiver_counts(wide):
     records = simulate(wide.model, wide.duration).seismograms
 
@@ -153,6 +154,7 @@ def test_a_force_in_open_ground_is_injected_and_every_receiver_counts(force):
     assert max(errors(force).values()) < 0.01
 
 
+@pytest.mark.long
 def test_edges_shorten_around_a_force_as_far_as_the_work_allows(force, project):
     text = force.path.read_text().replace("frequency_hz = 40", "frequency_hz = 40\norder = 3")
     (force.folder / "low.toml").write_text(text)  # of too low an order to inject

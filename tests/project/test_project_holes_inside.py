@@ -64,6 +64,7 @@ def test_the_padding_is_the_rim(project):
     assert layer.width == 40.0
 
 
+@pytest.mark.long
 def test_hexahedra_have_a_matched_layer_instead_of_a_rim(tmp_path):
     project = coarse(kind="auto")
 

@@ -251,6 +251,7 @@ def test_the_step_on_uneven_ground_is_that_of_the_rock(tmp_path, kind):
     assert own.highest_frequency()["soil"] > 0.95 * 60.0
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("kind", [*KINDS, "fill"])
 def test_energy_on_uneven_ground_is_balanced_to_rounding(tmp_path, kind):
     own = uneven(tmp_path, kind)
@@ -274,6 +275,7 @@ with tempfile.TemporaryDirectory() as folder:
 """
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("kind", [*KINDS, "fill"])
 def test_uneven_ground_has_the_same_bits_on_threads_and_by_the_program(tmp_path, monkeypatch, kind):
     monkeypatch.chdir(Path(__file__).parent)

@@ -96,6 +96,7 @@ def figures(outcome):
     return re.findall(r"<figcaption><b>([^<]*)[.]</b>", page(outcome))
 
 
+@pytest.mark.long
 def test_a_slow_clock_is_named_with_its_place_and_time():
     found, summary = made("NAMED")
 

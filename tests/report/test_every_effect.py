@@ -100,6 +100,7 @@ def answer_with(scene, *effects):
     return Answer(found, decision), summarise_diagnosis(found, decision) | NOTES
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("ground", GROUNDS)
 def test_every_effect_at_every_target_is_stated_and_ranked(ground):
     scene = scene_on(ground)

@@ -372,6 +372,7 @@ document.title = JSON.stringify(out);
 """
 
 
+@pytest.mark.long
 @pytest.mark.skipif(CHROMIUM is None, reason="needs Chromium")
 def test_a_browser_turns_cuts_clicks_and_reads_numbers(result, tmp_path):
     drawn = scene(result)

@@ -141,6 +141,7 @@ WORK = {
 }
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("work", WORK)
 def test_a_script_without_its_guard_is_told_so(tmp_path, work):
     script = tmp_path / "script.py"

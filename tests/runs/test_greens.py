@@ -159,6 +159,7 @@ class Killing:
         return future
 
 
+@pytest.mark.long
 def test_workers_of_dask_give_the_same_bits_though_one_is_killed(tmp_path, monkeypatch):
     distributed = pytest.importorskip("distributed", reason="needs pip install pyblast[dask]")
     monkeypatch.chdir(tmp_path)

@@ -136,6 +136,7 @@ LOOSE = (
 )  # fmt: skip
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("changes", [(), LOOSE, (("size_m", 'kind = "tetrahedra"\nsize_m'),)])
 def test_a_mesh_without_a_size_carries_the_blast_in_each_layer(tmp_path, changes):
     project = load_project(written(tmp_path, UNSIZED, *changes, text=INSIDE))

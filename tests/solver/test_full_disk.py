@@ -47,6 +47,7 @@ def test_a_full_disk_is_told_and_leaves_the_old_file(tmp_path, size):
     assert path.read_bytes() == b"old"
 
 
+@pytest.mark.long
 def test_a_run_on_a_full_disk_ends_with_2_and_keeps_earlier_results(tmp_path):
     path = written(tmp_path)
     earlier = tmp_path / "results" / "001"

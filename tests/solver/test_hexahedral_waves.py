@@ -58,6 +58,7 @@ def test_the_error_of_the_step_is_of_second_order(exact):
     assert long / short == pytest.approx(4.0, rel=0.25)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("order", "edge"), [(2, 15.0), (3, 35.0), (4, 65.0)])
 def test_the_absorbing_layer_of_any_order_sends_back_little(order, edge):
     box = np.array([[-80.0, 80.0]] * 3)

@@ -165,6 +165,7 @@ def test_a_shallow_couple_moves_near_receivers_as_an_independent_integral_says()
         assert error(records[name].velocity, wanted) < 0.01, name
 
 
+@pytest.mark.long
 def test_a_shallow_column_is_the_sum_of_its_points():
     ends = np.array([0.0, 0.0, -14.0]), np.array([0.0, 0.0, -4.0])
     column = Column(*ends, 1.0, 0.0, RATE, sources=8)
@@ -295,6 +296,7 @@ def digest(model):
     return hashlib.sha256(b"".join(each.velocity.tobytes() for each in records)).hexdigest()
 
 
+@pytest.mark.long
 def test_any_number_of_threads_gives_the_same_bits(monkeypatch):
     monkeypatch.chdir(Path(__file__).parent)
 

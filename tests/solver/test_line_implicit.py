@@ -89,6 +89,7 @@ def test_stiffness_along_lines_is_that_of_motion_that_varies_along_them_alone(le
     assert wanted > 0.0
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("height", "order", "quality"), [(0.1, 3, 20.0), (0.5, 4, None)])
 def test_energy_is_balanced_to_rounding_and_dies_away_under_the_absorbing_layer(
     height, order, quality
@@ -169,6 +170,7 @@ print(json.dumps(digest(simulate(ground(0.5), 0.05))))
 """
 
 
+@pytest.mark.long
 def test_any_number_of_threads_gives_the_same_bits(monkeypatch):
     monkeypatch.chdir(Path(__file__).parent)
 

@@ -32,6 +32,7 @@ def test_a_ground_that_is_turned_has_the_same_records_turned(how):
     assert row["energy_of_difference"] < 1e-12
 
 
+@pytest.mark.long
 def test_a_ground_that_is_turned_out_of_its_grid_has_the_same_records_within_its_errors():
     row = ground.turned_row(SEED, OPEN, TURNS[-1])
 

@@ -120,6 +120,7 @@ def test_a_crash_is_an_answer_and_a_refusal_is_none(tmp_path):
     assert "in the fit" in only["error"]
 
 
+@pytest.mark.long
 def test_a_piece_stops_at_its_minutes_and_goes_on(tmp_path):
     path, began = tmp_path / "proof.json", time.monotonic()
     left = answer_all(NAMES, 1, 8.0 / 60.0, stub(path, seconds=300.0))

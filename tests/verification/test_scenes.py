@@ -13,6 +13,7 @@ from verification.rows import read_rows
 ROWS = read_rows(scenes.OUT)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["force on the surface, no frequency, 0", "couple, near, mirrored",
                                   "couple beside a joint that dips 60°, 30"])  # fmt: skip
 def test_a_scene_is_right_however_it_is_turned(name):

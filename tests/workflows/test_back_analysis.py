@@ -41,6 +41,7 @@ def strong(folder, **keys):
     return twin_file(folder, section(**keys), STRONG)
 
 
+@pytest.mark.long
 def test_a_search_is_written_told_and_confirmed_by_a_full_run(tmp_path):
     done = call("backanalyse", strong(tmp_path))
 
@@ -76,6 +77,7 @@ def test_cohesion_counts_where_the_joint_slips(tmp_path):
     assert found.confirmed["project.toml"].strength["F1"].failed > 0
 
 
+@pytest.mark.long
 def test_a_finished_search_is_resumed_for_more_runs(tmp_path):
     path = strong(tmp_path, runs=3)
     short, _ = back_analyse(path)
@@ -88,6 +90,7 @@ def test_a_finished_search_is_resumed_for_more_runs(tmp_path):
     assert len((folder / TRIALS).read_text().splitlines()) == 6
 
 
+@pytest.mark.long
 def test_least_squares_search_unless_another_method_is_named(tmp_path):
     path = strong(tmp_path)
     path.write_text(path.read_text().replace('method = "paper"\n', ""))
@@ -108,6 +111,7 @@ def test_every_misfit_is_small_where_the_records_were_made(tmp_path, name):
     assert other["misfit"] > 3.0 * truth["misfit"]
 
 
+@pytest.mark.long
 def test_two_blasts_are_met_by_the_same_ground(tmp_path):
     other = tmp_path / "second"
     other.mkdir()
@@ -122,6 +126,7 @@ def test_two_blasts_are_met_by_the_same_ground(tmp_path):
     assert set(rows[0]["simulated"]) == {"project.toml", "other.toml"}
 
 
+@pytest.mark.long
 def test_ctrl_c_keeps_what_was_run_and_the_same_search_goes_on(tmp_path):
     path = strong(tmp_path, runs=60)
     process = spawn("backanalyse", path)
@@ -177,6 +182,7 @@ def test_a_project_without_the_table_is_refused_before_its_mesh_is_built(tmp_pat
         back_analyse(project)
 
 
+@pytest.mark.long
 def test_a_finished_search_is_not_changed_by_the_same_command(tmp_path):
     path = strong(tmp_path, runs=2)
 

@@ -26,6 +26,7 @@ def test_holes_that_neither_vary_nor_miss_their_time_have_the_peak_of_their_sum(
         np.testing.assert_allclose(ends, project.input.superposed.ppv, rtol=0.01)
 
 
+@pytest.mark.long
 def test_superpose_says_how_wide_the_band_is_with_holes_that_vary_and_without(tmp_path):
     path = written(tmp_path)
     bands = superposed_bands(load_project(path))

@@ -62,6 +62,7 @@ def test_nothing_is_named_where_nothing_is_hidden():
     assert not found()["effects"]
 
 
+@pytest.mark.long
 def test_a_slow_clock_is_named_at_its_receiver_with_its_shift():
     one = found(late)
     assert one["outcome"] == "NAMED"
@@ -87,6 +88,7 @@ def test_a_mistake_is_mended_when_asked_and_the_site_judged():
     assert [row["target"] for row in one["mistakes"]] == ["R1"]
 
 
+@pytest.mark.long
 def test_what_no_hypothesis_explains_is_unknown_and_located():
     one = found(humming)
     assert one["outcome"] in ("UNKNOWN", "PARTIAL")

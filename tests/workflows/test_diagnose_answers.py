@@ -78,6 +78,7 @@ def ended(tmp_path_factory):
     return stop.value.exit_code, known, summary, folder, page
 
 
+@pytest.mark.long
 def test_after_sigterm_what_is_known_is_readable(ended):
     code, known, *_ = ended
 

@@ -154,6 +154,7 @@ def test_motion_arrives_when_it_does_without_a_low_pass(tmp_path, corner):
     assert project.lead == pytest.approx(0.336 / corner, rel=0.01)
 
 
+@pytest.mark.long
 def test_the_back_analysis_finds_the_truth_from_a_record_without_the_filter(tmp_path):
     path = unfiltered_twin(tmp_path, ALL, noise=2e-4, table=section())
 
