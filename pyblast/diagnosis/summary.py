@@ -477,10 +477,10 @@ def place_in_words(point: Mapping) -> str:
     """Return the place of a located residual in words: how far it is known, how the ground is."""
     on = f" on joint {point['joint']}" if point["joint"] else ""
     nature = f", {point['nature']} ground" if point["nature"] else ""
-    doubt = "; uncertain: inside the blasted pattern" if point["in_pattern"] else ""
+    uncertain = "; uncertain: inside the blasted pattern" if point["in_pattern"] else ""
     return (
         f"east {point['x']:.0f} m, north {point['y']:.0f} m, height {point['z']:.0f} m{on} "
-        f"(within {point['within_m']:.0f} m{nature}{doubt})"
+        f"(within {point['within_m']:.0f} m{nature}{uncertain})"
     )
 
 

@@ -409,7 +409,7 @@ class Accuracy:
         parts |= {"slip": 0.0, "sides": margin * sides}
         for behind, velocity in self._slipped(np.nan_to_num(passed.velocity), points):
             spectrum = size * np.fft.rfft(velocity, _length(whole, passed), axis=0)
-            parts["slip"] = max(parts["slip"], _share(1.0 - changes["mesh"], spectrum))
+            parts["slip"] = max(parts["slip"], _share_of_all([(1.0 - changes["mesh"], spectrum)]))
             peaks += [_peak_error([(change, spectrum)])] if behind else []
         return parts, max(peaks)
 
@@ -551,14 +551,22 @@ class Accuracy:
         )
 
     @cached_property
-    def _lags(self):
-        """Middle, normal (3,) of joints, impedances of P and S over twice their stiffness in s."""
-        mesh, density, joints = self.model.mesh, self.model.zone_values("density"), []
-        speeds = {"kn": self.model.zone_values("cp"), "ks": self._speeds}
+    def _planes(self):
+        """Points (n, 3) of each joint, their middle, its normal (3,), and the zones (n,) beside."""
+        mesh, planes = self.model.mesh, []
         for joint in self.model.joints:
             points = mesh.points[np.unique(mesh.surfaces[joint.surface])]
-            zone, middle = self._zones[0].query(points)[1], points.mean(axis=0)
+            middle = points.mean(axis=0)
             normal = np.linalg.svd(points - middle, full_matrices=False)[2][-1]
+            planes.append((points, middle, normal, self._zones[0].query(points)[1]))
+        return planes
+
+    @cached_property
+    def _lags(self):
+        """Middle, normal (3,) of joints, impedances of P and S over twice their stiffness in s."""
+        density, joints = self.model.zone_values("density"), []
+        speeds = {"kn": self.model.zone_values("cp"), "ks": self._speeds}
+        for joint, (_, middle, normal, zone) in zip(self.model.joints, self._planes, strict=True):
             lags = [
                 float((density * speed)[zone].mean()) / (2.0 * max(joint.properties[key], 1e-3))
                 for key, speed in speeds.items()
@@ -571,19 +579,16 @@ class Accuracy:
         """Joints that may slip: middle and normal (3,), S impedance, strengths at peak and rest."""
         if self.inside:  # how strong their waves arrive is not known before a run
             return []
-        density, mesh, joints = self.model.zone_values("density"), self.model.mesh, []
-        for joint in self.model.joints:
+        density, joints = self.model.zone_values("density"), []
+        for joint, plane in zip(self.model.joints, self._planes, strict=True):
             if JOINT_LAWS[joint.law].linear:
                 continue
-            points = mesh.points[np.unique(mesh.surfaces[joint.surface])]
-            middle = points.mean(axis=0)
-            normal = np.linalg.svd(points - middle, full_matrices=False)[2][-1]
+            points, middle, normal, zone = plane
             pressure = joint.pressure_at(points[:, 2])
             if self.model.insitu is not None:
                 xx, yy, zz, yz, zx, xy = insitu_stress(self.model, points).T
                 stress = np.array([[xx, xy, zx], [xy, yy, yz], [zx, yz, zz]])
                 pressure = -np.einsum("i,ijn,j->n", normal, stress, normal)
-            zone = self._zones[0].query(points)[1]
             impedance = float((density[zone] * self._speeds[zone]).min())
             joints.append((middle, normal, impedance, *_strengths(joint, float(pressure.min()))))
         return joints
@@ -684,11 +689,6 @@ class Accuracy:
                 loss -= np.pi * waves / quality
                 lag += 2j * np.pi * waves * law.slowness_error(quality, inside)
         return np.exp(loss), np.exp(lag)
-
-
-def _share(change, motion):
-    """Return the norm of a change of spectra (m, 3) over theirs."""
-    return float(np.linalg.norm(change * motion) / max(np.linalg.norm(motion), 1e-300))
 
 
 def _share_of_all(ways):

@@ -186,7 +186,7 @@ def injected_sources(model: Model) -> tuple[int, ...]:
 
 def near_receivers(model: Model) -> tuple[NearReceiver, ...]:
     """Return the receivers near sources that are not injected; see `near_sources`."""
-    return tuple(row for row in receivers_beside(model) if row.named)
+    return near_sources(model, injected_sources(model))
 
 
 def receivers_beside(model: Model) -> tuple[NearReceiver, ...]:
