@@ -201,6 +201,7 @@ def test_power_counts_each_single_effect_once():
 
 def test_gains_are_those_of_cases_that_have_them():
     rows = [row(held_out={"before": 0.5, "after": 0.9, "second": 0.6}), row(held_out={}), null(),
+            row(outcome="UNKNOWN", named=(), held_out={"before": 0.5, "after": 0.4}),
             row(outcome="MISTAKE", held_out={"before": 0.5, "after": 0.5})]  # fmt: skip
     assert gains(rows) == pytest.approx([0.4])
     assert gains(rows, "second") == pytest.approx([0.1])
@@ -216,6 +217,18 @@ def test_what_has_no_row_is_not_answered(monkeypatch):
     for target in TARGETS:
         line = next(line for line in text.splitlines() if line.startswith(f"| {target.words} |"))
         assert line.endswith("| not answered | | 0 | too few cases |")
+
+
+def test_the_page_has_a_row_for_each_version_and_a_last_row_for_all_effects(monkeypatch):
+    monkeypatch.setattr(page, "registered", lambda: {"cases": {"drawn-01": "a", "drawn-02": "b"}})
+    monkeypatch.setattr(page, "changed_thresholds", list)
+    rows = {"drawn-01 aa": row(energy=0.3), "drawn-02 aa": row("two", named=("clock_error",)),
+            "drawn-02 bb": null("NAMED", ("clock_error",))}  # fmt: skip
+    text = page.page(rows, "aa", first_answers(rows, "aa"))
+
+    assert "| `aa` | 2026-11-27 | 2 | 0 of 0 | 1 of 2 | 1 of 1 |" in text
+    assert "| `bb` | 2026-11-27 | 1 | 1 of 1 | 1 of 1 | 0 of 0 |" in text
+    assert "| all |  |  |  | 1 of 1 |  |" in text
 
 
 def test_the_page_shows_each_first_answer_beside_the_others(monkeypatch):

@@ -29,6 +29,7 @@ from .scores import (
     right,
     shares,
     truth_word,
+    with_gains,
 )
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -65,7 +66,7 @@ def page(rows: Rows, version: str | None, answers: Rows) -> str:
     parts = [
         f"{summary(version, answers)} [Rules, thresholds and the list of cases](registration.md) "
         "were registered before.", _kinds(cases, answers), "### What was to be reached",
-        _targets(answers), *_seen_before(rows, version, answers),
+        _targets(answers), *_seen_before(rows, version, answers), *_all_versions(rows),
     ]  # fmt: skip
     if answers and version != program():
         parts.append("The program has changed since; its present version has answered fewer cases.")
@@ -77,7 +78,8 @@ def page(rows: Rows, version: str | None, answers: Rows) -> str:
         parts += [
             "### Truth against answer",
             "![Confusion matrix of first answers](../figures/proof.png)", matrix(own),
-            "### Power", _power(own), _detected(own), "### Numbers", _numbers(own),
+            "### Power", _power(own), _detected(own), "### Records that no fit has used",
+            _unseen(answers), "### Numbers", _numbers(own),
             "### First answers", _answers(rows, version, answers),
         ]  # fmt: skip
     return reflow("\n\n".join(parts))
@@ -122,6 +124,26 @@ def _seen_before(rows, version, answers):
         return []
     return [f"Other versions have answered {len(seen)} of these {len(blind)} cases whose truth the "
             f"authors did not know{': ' if seen else ''}{', '.join(seen)}."]  # fmt: skip
+
+
+def _all_versions(rows):
+    """Return what each version answered, where several did."""
+    counts = versions(rows)
+    if len(counts) < 2:
+        return []
+    heads = ("version", "from", "answers", "false alarms", "answers with a wrong name",
+             "single effects named")  # fmt: skip
+    lines = [f"| {' | '.join(heads)} |", "|---" * len(heads) + "|"]
+    for version in counts:
+        own = first_answers(rows, version)
+        told, words = shares(own), in_library_words(own)
+        single = [right(row) for row in words if row["block"] == "single"]
+        cells = [f"{sum(hits)} of {len(hits)}" for hits in (
+            told["alarms"], [not each for each in told["right names"]], single)]  # fmt: skip
+        date = min(row["date"] for row in own.values())
+        lines.append(f"| `{version}` | {date} | {len(own)} | {' | '.join(cells)} |")
+    return ["Each version answers once; what its wrong answers taught is in the next:",
+            "\n".join(lines)]  # fmt: skip
 
 
 def _kinds(cases, answers):
@@ -178,13 +200,40 @@ def _classes(words, edges, table):
         return f"{words} {NOT_ANSWERED}."
     lines = [words, "", "| effect | " + " | ".join(edges) + " |", "|---" * (len(edges) + 1) + "|"]
     for label, pairs in table.items():
-        cells = " | ".join(f"{hits} of {count}" if count else "" for hits, count in pairs)
-        lines.append(f"| `{label}` | {cells} |")
+        lines.append(f"| `{label}` | {' | '.join(map(_of, pairs))} |")
+    every = np.sum(list(table.values()), axis=0)
+    lines.append(f"| all | {' | '.join(map(_of, every))} |")
+    spans = (" to ".join(map(percent, clopper_pearson(*pair))) if pair[1] else "" for pair in every)
+    lines.append(f"| 95 % interval | {' | '.join(spans)} |")
     return "\n".join(lines)
 
 
+def _of(pair):
+    """Return hits of a count in words; nothing where there is none."""
+    hits, count = pair
+    return f"{hits} of {count}" if count else ""
+
+
+def _unseen(answers):
+    """Return which share of unseen records models of the cases with names explain."""
+    models = {"before": "calibrated", "after": "as answered", "second": "second best effect",
+              "right": "right effect, fitted"}  # fmt: skip
+    words = (
+        "Share of the energy that is explained, where effects are named. The second best effect is "
+        "the other one of most evidence, fitted likewise."
+    )
+    lines = [f"| case | answer | {' | '.join(models.values())} |", "|---" * (len(models) + 2) + "|"]
+    told = {name: row for name, row in answers.items() if row in with_gains([row])}
+    for name, row in told.items():
+        cells = (f"{row['held_out'][key]:.3f}" if key in row["held_out"] else "" for key in models)
+        lines.append(f"| {name} | {_code(answer_word(row))} | {' | '.join(cells)} |")
+    medians = (_median(gains(told.values(), key), ".3f", "") for key in list(models)[1:])
+    lines.append(f"| median gain | | | {' | '.join(medians)} |")
+    return "\n".join([words, "", *lines])
+
+
 def _numbers(rows):
-    """Return located distances, gains, coverage and time."""
+    """Return located distances, coverage and time."""
     metres = [row["metres"] for row in rows if row.get("metres") is not None]
     covered = [hit for row in rows for hit in row.get("covered", ())]
     seconds = [row["processor_s"] for row in rows if row.get("processor_s") is not None]
@@ -194,10 +243,6 @@ def _numbers(rows):
         share, low, high = map(percent, (np.mean(covered), low, high))
         inside = f"{share} ({low} to {high}) of {len(covered)}"
     lines = ["| | |", "|---|---|", f"| place off by, median | {_median(metres, '.1f', ' m')} |"]
-    for key, words in (("after", "the answer"), ("second", "the second best effect"),
-                       ("right", "the right model")):  # fmt: skip
-        lines.append(f"| energy of unseen records explained beyond the calibrated site by {words}, "
-                     f"median | {_median(gains(rows, key), '.3f', '')} |")  # fmt: skip
     lines.append(f"| parameters inside their 90 % intervals | {inside} |")
     lines.append(f"| processor of a case, median | {_median(seconds, '.0f', ' s')} |")
     return "\n".join(lines)

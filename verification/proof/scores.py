@@ -1,7 +1,7 @@
 """Scores of first answers: confusion matrix, shares with exact intervals, power against energy."""
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -178,14 +178,20 @@ def power(
     return table
 
 
-def gains(rows: list[dict], key: str = "after") -> list[float]:
+def with_gains(rows: Iterable[dict]) -> list[dict]:
+    """Return the rows of sites with an effect whose answer names effects and predicts by them.
+
+    An answer MISTAKE stops before a model is changed.
+    """
+    return [row for row in rows if row["truth"] and row["named"] and row["outcome"] != "MISTAKE"
+            and row.get("held_out")]  # fmt: skip
+
+
+def gains(rows: Iterable[dict], key: str = "after") -> list[float]:
     """Return by how much more energy of unseen records a model explains than the calibrated one.
 
-    Of cases with an effect, whose answer has that model: ``after`` the diagnosis, with the
-    ``second`` best effect, or the ``right`` one. An answer MISTAKE stops before a model is changed.
+    Of the rows `with_gains` that have that model: ``after`` the diagnosis, with the ``second``
+    best effect, or the ``right`` one.
     """
-    told = [
-        row["held_out"] for row in rows
-        if row["truth"] and row.get("held_out") and row["outcome"] != "MISTAKE"
-    ]  # fmt: skip
+    told = [row["held_out"] for row in with_gains(rows)]
     return [each[key] - each["before"] for each in told if {key, "before"} <= set(each)]
