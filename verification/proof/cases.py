@@ -202,7 +202,7 @@ def _answered_folder(kind, name, store):
     misfits = row["further_blast_misfit"]
     words = {"before": "calibrated", "after": "diagnosed"}
     return _row_of_folder(truth) | {
-        "outcome": row["outcome"], "named": row["named"] if row["outcome"] != "CLASS" else [],
+        "outcome": row["outcome"], "named": [part["label"] for part in named_parts(answer)],
         "class": row["class"], "length": None, "metres": _metres(truth, answer),
         "covered": [each["low"] <= each["true"] <= each["high"]
                     for each in row["intervals"].values()],
@@ -240,13 +240,15 @@ def _metres(content, answer):
 
 def _answered_mine(number):
     """Answer a trial of the mine."""
-    row = mine.judged(list(mine.TRIALS)[number], number + 1)
-    labels = [row["concealed"]] if row["concealed"] else []
+    trial = list(mine.TRIALS)[number]
+    label, began = mine.TRIALS[trial][0], time.process_time()
+    answer, shares = mine.diagnosed(trial, number + 1)
+    spent = time.process_time() - began
     return {
-        "block": "single" if labels else "null", "truth": labels, "outcome": row["outcome"],
-        "named": row["named"], "class": row["class"], "metres": None, "covered": [],
-        "energy": None, "length": None, "processor_s": None,
-        "held_out": {key: row[f"explained_{key}"] for key in ("before", "after")},
+        "block": "single" if label else "null", "truth": [label] if label else [],
+        "outcome": answer["outcome"], "named": [part["label"] for part in named_parts(answer)],
+        "class": answer["class"], "metres": None, "covered": [], "energy": None, "length": None,
+        "held_out": shares, "processor_s": round(spent + answer["kept_s"], 1),
     }  # fmt: skip
 
 

@@ -15,6 +15,7 @@ from .answers import first_answers, versions
 from .cases import KNOWN
 from .registered import KINDS, changed_thresholds, registered
 from .scores import (
+    CLEAR,
     ENERGIES,
     LENGTHS,
     TARGETS,
@@ -96,12 +97,32 @@ def summary(version: str | None, answers: Rows) -> str:
     nulls = [row for row in own if not row["truth"]]
     single = [row for row in own if row["block"] == "single"]
     silent = len(nulls) - sum(shares(answers)["alarms"])
-    failed = sum(row["outcome"] == "CRASH" for row in answers.values())
+    crashed = sum(row["outcome"] == "CRASH" for row in answers.values())
+    clear = shares(answers)["named"]
     return (
         f"Version `{version}` has answered {len(answers)} of {len(cases)} registered cases "
         f"({days}), each once: it claims nothing on {silent} of {len(nulls)} nulls, names "
-        f"{sum(map(right, single))} of {len(single)} single effects, and crashed {failed} times."
+        f"{sum(map(right, single))} of {len(single)} single effects ({sum(clear)} of {len(clear)} "
+        f"of d′ ≥ {CLEAR:g}), and crashed {crashed} times. {_verdicts(answers)}"
     )
+
+
+def _verdicts(answers):
+    """Say which targets are met and missed."""
+    told, lists = shares(answers), {}
+    for target in TARGETS:
+        hits = told[target.name]
+        short = target.words.partition(":")[0]
+        if hits:
+            share = percent(np.mean(hits))
+            short += f" ({share} of {len(hits)}; {target.sign} {percent(target.share)})"
+        lists.setdefault(met(target, hits), []).append(short)
+    words = {True: "Met", False: "Missed"}
+    said = [f"{words[key]}: {'; '.join(lists[key])}." for key in words if key in lists]
+    few = len(lists.get(None, ()))
+    if few:
+        said.append(f"Too few cases for {few} of {len(TARGETS)} targets.")
+    return " ".join(said)
 
 
 def matrix(rows: list[dict]) -> str:
