@@ -67,7 +67,7 @@ def page(rows: Rows, version: str | None, answers: Rows) -> str:
     parts = [
         f"{summary(version, answers)} [Rules, thresholds and the list of cases](registration.md) "
         "were registered before.", _kinds(cases, answers), "### What was to be reached",
-        _targets(answers), *_seen_before(rows, version, answers), *_all_versions(rows),
+        _targets(answers, _unseen(rows, version, answers)), *_all_versions(rows),
     ]  # fmt: skip
     if answers and version != program():
         parts.append("The program has changed since; its present version has answered fewer cases.")
@@ -80,7 +80,7 @@ def page(rows: Rows, version: str | None, answers: Rows) -> str:
             "### Truth against answer",
             "![Confusion matrix of first answers](../figures/proof.png)", matrix(own),
             "### Power", _power(own), _detected(own), "### Records that no fit has used",
-            _unseen(answers), "### Numbers", _numbers(own),
+            _predicted(answers), "### Numbers", _numbers(own),
             "### First answers", _answers(rows, version, answers),
         ]  # fmt: skip
     return reflow("\n\n".join(parts))
@@ -96,14 +96,14 @@ def summary(version: str | None, answers: Rows) -> str:
     own = in_library_words(answers)
     nulls = [row for row in own if not row["truth"]]
     single = [row for row in own if row["block"] == "single"]
-    silent = len(nulls) - sum(shares(answers)["alarms"])
     crashed = sum(row["outcome"] == "CRASH" for row in answers.values())
-    clear = shares(answers)["named"]
+    called, clear = Counter(row["outcome"] for row in nulls), shares(answers)["named"]
     return (
         f"Version `{version}` has answered {len(answers)} of {len(cases)} registered cases "
-        f"({days}), each once: it claims nothing on {silent} of {len(nulls)} nulls, names "
-        f"{sum(map(right, single))} of {len(single)} single effects ({sum(clear)} of {len(clear)} "
-        f"of d′ ≥ {CLEAR:g}), and crashed {crashed} times. {_verdicts(answers)}"
+        f"({days}), each once; {len(answers) - len(own)} are drops. It calls {called['NULL']} of "
+        f"{len(nulls)} nulls NULL and {called['UNKNOWN']} UNKNOWN, names {sum(map(right, single))} "
+        f"of {len(single)} single effects ({sum(clear)} of {len(clear)} of d′ ≥ {CLEAR:g}), and "
+        f"crashed {crashed} times. {_verdicts(answers)}"
     )
 
 
@@ -136,15 +136,11 @@ def matrix(rows: list[dict]) -> str:
     return "\n".join(lines)
 
 
-def _seen_before(rows, version, answers):
-    """Return which of the cases of unknown truth another version has answered, too."""
-    blind = sorted(name for name in answers if not KNOWN[name.partition("-")[0]])
+def _unseen(rows, version, answers):
+    """Return the answers to cases of unknown truth that no other version has answered."""
     others = {key.split()[0] for key in rows if key.split()[1] != version}
-    seen = [name for name in blind if name in others]
-    if not blind:
-        return []
-    return [f"Other versions have answered {len(seen)} of these {len(blind)} cases whose truth the "
-            f"authors did not know{': ' if seen else ''}{', '.join(seen)}."]  # fmt: skip
+    blind = {name: row for name, row in answers.items() if not KNOWN[name.partition("-")[0]]}
+    return {name: row for name, row in blind.items() if name not in others}
 
 
 def _all_versions(rows):
@@ -159,8 +155,7 @@ def _all_versions(rows):
         own = first_answers(rows, version)
         told, words = shares(own), in_library_words(own)
         single = [right(row) for row in words if row["block"] == "single"]
-        cells = [f"{sum(hits)} of {len(hits)}" for hits in (
-            told["alarms"], [not each for each in told["right names"]], single)]  # fmt: skip
+        cells = map(_count, (told["alarms"], [not each for each in told["right names"]], single))
         date = min(row["date"] for row in own.values())
         lines.append(f"| `{version}` | {date} | {len(own)} | {' | '.join(cells)} |")
     return ["Each version answers once; what its wrong answers taught is in the next:",
@@ -169,7 +164,7 @@ def _all_versions(rows):
 
 def _kinds(cases, answers):
     """Return how many cases of each kind are answered."""
-    lines = ["| kind | cases | answered | right |", "|---|---|---|---|"]
+    lines = ["| kind | cases | answered | right (nulls: NULL) |", "|---|---|---|---|"]
     for kind, words in KINDS.items():
         own = [row for name, row in answers.items() if name.startswith(f"{kind}-")]
         count = sum(name.startswith(f"{kind}-") for name in cases)
@@ -178,10 +173,11 @@ def _kinds(cases, answers):
     return "\n".join(lines)
 
 
-def _targets(answers):
-    """Return the shares beside what they were to reach."""
-    lines = ["| | target | share | 95 % interval | cases | |", "|---|---|---|---|---|---|"]
-    told = shares(answers)
+def _targets(answers, unseen):
+    """Return the shares beside what they were to reach, of all answers and of unseen cases."""
+    heads = ("", "target", "share", "95 % interval", "cases", "", "of unseen cases")
+    lines = [f"| {' | '.join(heads)} |", "|---" * len(heads) + "|"]
+    told, blind = shares(answers), shares(unseen)
     for target in TARGETS:
         hits = told[target.name]
         cells = f"{NOT_ANSWERED} | | 0"
@@ -192,7 +188,9 @@ def _targets(answers):
         verdict = VERDICT[met(target, hits)]
         of = f" of {target.least} needed" if hits and len(hits) < target.least else ""
         lines.append(f"| {target.words} | {target.sign} {percent(target.share)} | {cells}{of} "
-                     f"| {verdict} |")  # fmt: skip
+                     f"| {verdict} | {_count(blind[target.name])} |")  # fmt: skip
+    lines += ["", "Unseen are cases whose truth the authors did not know and which no other "
+              f"version has answered: {len(unseen)} of {len(answers)}."]  # fmt: skip
     return "\n".join(lines)
 
 
@@ -200,7 +198,10 @@ def _power(rows):
     """Return how many effects were named, by label and share of energy that they change."""
     edges = [f"{100 * low:g} to {100 * high:g} %" if np.isfinite(high) else f"over {100 * low:g} %"
              for low, high in pairwise(ENERGIES)]  # fmt: skip
-    words = "Single effects named, and nothing else, by the energy that they change:"
+    words = (
+        "Single effects named, and nothing else, by the energy that they change, of the record "
+        "that changes most on drawn sites, elsewhere the mean of the records that change:"
+    )
     return _classes(words, edges, power(rows))
 
 
@@ -209,8 +210,8 @@ def _detected(rows):
     edges = [f"{low:g} to {high:g}" if np.isfinite(high) else f"over {low:g}"
              for low, high in pairwise(LENGTHS)]  # fmt: skip
     words = (
-        "Those of drawn sites by d′, the size of the effect in standard deviations of noise and "
-        "model error, less what calibration takes of it:"
+        "Those of drawn sites by d′, the size of the effect in standard deviations of noise and of "
+        "this version's model error, less what calibration takes of it:"
     )
     return _classes(words, edges, power(rows, "length", LENGTHS))
 
@@ -235,13 +236,19 @@ def _of(pair):
     return f"{hits} of {count}" if count else ""
 
 
-def _unseen(answers):
+def _count(hits):
+    """Return a list of yes and no as hits of a count."""
+    return f"{sum(hits)} of {len(hits)}"
+
+
+def _predicted(answers):
     """Return which share of unseen records models of the cases with names explain."""
     models = {"before": "calibrated", "after": "as answered", "second": "second best effect",
               "right": "right effect, fitted"}  # fmt: skip
     words = (
-        "Share of the energy that is explained, where effects are named. The second best effect is "
-        "the other one of most evidence, fitted likewise."
+        "Share of the energy that is explained, where there is an effect and effects are named; "
+        "real hits that a model explains less than before are PARTIAL, and not here. The second "
+        "best effect is the other one of most evidence, fitted likewise."
     )
     lines = [f"| case | answer | {' | '.join(models.values())} |", "|---" * (len(models) + 2) + "|"]
     told = {name: row for name, row in answers.items() if row in with_gains([row])}
@@ -263,9 +270,12 @@ def _numbers(rows):
         low, high = clopper_pearson(sum(covered), len(covered))
         share, low, high = map(percent, (np.mean(covered), low, high))
         inside = f"{share} ({low} to {high}) of {len(covered)}"
-    lines = ["| | |", "|---|---|", f"| place off by, median | {_median(metres, '.1f', ' m')} |"]
+    placed = [hit for row in rows for hit in row.get("placed", ())]
+    lines = ["| | |", "|---|---|",
+             f"| right names at the right receiver, blast, joint or plane | {_count(placed)} |",
+             f"| error of place, median | {_median(metres, '.1f', ' m')} |"]  # fmt: skip
     lines.append(f"| parameters inside their 90 % intervals | {inside} |")
-    lines.append(f"| processor of a case, median | {_median(seconds, '.0f', ' s')} |")
+    lines.append(f"| processor time per case, median | {_median(seconds, '.0f', ' s')} |")
     return "\n".join(lines)
 
 

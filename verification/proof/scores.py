@@ -14,6 +14,8 @@ LEVEL = 0.95
 SILENT = ("NULL", "UNKNOWN")
 NAMES = ("NAMED", "COMPOSITE", "MISTAKE")
 NULLS, OUTSIDE = ("null", "hard null"), ("outside", "out of library")
+# Effects outside of the library that its `body` ("softer or stiffer, or nearly a void") means.
+BODIES = "void", "tunnel", "dyke", "basin"
 
 
 class Target(NamedTuple):
@@ -109,11 +111,14 @@ def right(row: dict) -> bool:
 
 def wrong(row: dict) -> bool:
     """Tell whether something is named that is not true, or the diagnosis crashed."""
-    return row["outcome"] == "CRASH" or not set(row["named"]) <= set(row["truth"])
+    true = {*row["truth"], *(["body"] if set(row["truth"]) & set(BODIES) else [])}
+    return row["outcome"] == "CRASH" or not set(row["named"]) <= true
 
 
 def shares(rows: dict[str, dict]) -> dict[str, list[bool]]:
     """Return for each name of `TARGETS` yes or no for each case that counts.
+
+    A crash counts as clear, since it leaves no d'.
 
     Parameters
     ----------
@@ -122,8 +127,8 @@ def shares(rows: dict[str, dict]) -> dict[str, list[bool]]:
     """
     real = [row for name, row in rows.items() if name.startswith("real-")]
     others = in_library_words(rows)
-    clear = [row for row in others
-             if row["block"] == "single" and (row.get("length") or 0.0) >= CLEAR]  # fmt: skip
+    clear = [row for row in others if row["block"] == "single"
+             and ((row.get("length") or 0.0) >= CLEAR or row["outcome"] == "CRASH")]  # fmt: skip
     return {
         "alarms": [alarm(row) for row in others if row["block"] in NULLS],
         "right names": [not wrong(row) for row in others if row["named"]],
