@@ -35,7 +35,7 @@ from .independent_cases import WRITTEN
 from .rows import each_row, options, read_rows
 
 ROOT = Path(__file__).resolve().parents[1]
-PAGE = ROOT / "docs" / "quality" / "diagnosis.md"
+PAGE = ROOT / "docs" / "quality" / "earlier_answers.md"
 STUDIES = {"cases": "foreign.json", "sites": "sites.json"}
 PROJECT = "B2.toml"
 BLAST = "H1"

@@ -301,7 +301,7 @@ def table(rows):
             found = np.array([row["found"][0] for row in own])
             near = np.mean(np.abs(100 * found - percent) < percent / 3.0)
             lines.append(
-                f"| {len(own)} nulls | holes vary by {percent} % | {wrong} with a name | "
+                f"| nulls: {len(own)} | holes vary by {percent} % | {wrong} with a name | "
                 f"{100 * np.median(found):.0f} in the median, {100 * near:.0f} % of them within "
                 "a third |"
             )

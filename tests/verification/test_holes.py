@@ -65,5 +65,5 @@ def test_the_table_counts_nulls_with_a_name():
 
     assert lines[2] == "| site 0 | nothing | NULL | 21 (18 to 24) |"
     assert lines[3].startswith(
-        "| 2 nulls | holes vary by 20 % | 1 with a name | 30 in the median, 50"
+        "| nulls: 2 | holes vary by 20 % | 1 with a name | 30 in the median, 50"
     )

@@ -3,6 +3,7 @@
 python -m verification.proof.answers [--again] FILE CASE
 """
 
+import fcntl
 import subprocess
 import sys
 import time
@@ -10,7 +11,7 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from pyblast.errors import PyblastError
+from pyblast.errors import InputError, LostProcessError, PyblastError, ReadError
 from verification.rows import Rows, each_row, ended_by_sigterm, program, read_rows
 
 from .cases import answered, as_crash
@@ -59,22 +60,25 @@ def answer(path: Path, name: str, again: bool = False, job: Callable = answered)
     InputError
         If the case is not registered or its truth is another one.
     """
-    version, rows = program(), read_rows(path)
-    if not again and name in first_answers(rows, version):
-        return
+    version = program()
+    store = ROOT / "build" / "proof" / version / name.partition("-")[0]
     if not name.startswith("trial-"):
         checked(name)
-    store = ROOT / "build" / "proof" / version / name.partition("-")[0]
 
     def row(_):
         try:
             return job(name, store)
-        except PyblastError:
+        except (InputError, ReadError, LostProcessError):  # the case is not here, or was stopped
             raise
         except Exception as error:  # a crash is an answer, and a wrong one
             return as_crash(name, error)
 
-    each_row(path, [next_key(rows, name, version)], row)
+    store.mkdir(parents=True, exist_ok=True)
+    with (store / f"{name}.lock").open("w") as lock:  # two commands may ask for the same case
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        rows = read_rows(path)
+        if again or name not in first_answers(rows, version):
+            each_row(path, [next_key(rows, name, version)], row)
 
 
 def answer_all(

@@ -38,7 +38,7 @@ from examples.gol_e_gohar import diagnose as mine
 from pyblast.errors import InputError
 
 from .drawn import answered as answered_drawn
-from .drawn import named_parts
+from .drawn import named_parts, names_of
 from .scores import NULLS
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -55,6 +55,7 @@ DRAWN = {
     "trial": (TRIAL_CASES, DEVELOPMENT_SEED),
 }  # fmt: skip
 FOLDERS = "site", "flat", "specfem"
+COMPACT = "void", "body"  # effects with a middle, from which a place can be off
 
 
 def folder_of(kind: str) -> Path:
@@ -202,10 +203,10 @@ def _answered_folder(kind, name, store):
     misfits = row["further_blast_misfit"]
     words = {"before": "calibrated", "after": "diagnosed"}
     return _row_of_folder(truth) | {
-        "outcome": row["outcome"], "named": row["named"] if row["outcome"] != "CLASS" else [],
+        "outcome": row["outcome"], "named": names_of(answer),
         "class": row["class"], "length": None, "metres": _metres(truth, answer),
         "covered": [each["low"] <= each["true"] <= each["high"]
-                    for each in row["intervals"].values()],
+                    for each in row["intervals"].values()] if names_of(answer) else [],
         "held_out": {key: round(1.0 - misfits[word], 5) for key, word in words.items()
                      if misfits[word] is not None},
         "processor_s": round(row["processor_s"] + row["kept_s"], 1),
@@ -226,8 +227,10 @@ def _truth_file(kind, name):
 
 
 def _metres(content, answer):
-    """Return how far a void was located from its middle, or None."""
+    """Return how far a compact body was located from its middle on the map, or None."""
     truth = tomllib.loads(content.decode())
+    if not set(truth["effects"]) & set(COMPACT):
+        return None
     void = truth["parameters"].get("void", {})
     at = truth.get("in_project_coordinates", {}).get(
         "void_centre_m", [void.get("x"), void.get("y")]
@@ -240,13 +243,15 @@ def _metres(content, answer):
 
 def _answered_mine(number):
     """Answer a trial of the mine."""
-    row = mine.judged(list(mine.TRIALS)[number], number + 1)
-    labels = [row["concealed"]] if row["concealed"] else []
+    trial = list(mine.TRIALS)[number]
+    label, began = mine.TRIALS[trial][0], time.process_time()
+    answer, shares = mine.diagnosed(trial, number + 1)
+    spent = time.process_time() - began
     return {
-        "block": "single" if labels else "null", "truth": labels, "outcome": row["outcome"],
-        "named": row["named"], "class": row["class"], "metres": None, "covered": [],
-        "energy": None, "length": None, "processor_s": None,
-        "held_out": {key: row[f"explained_{key}"] for key in ("before", "after")},
+        "block": "single" if label else "null", "truth": [label] if label else [],
+        "outcome": answer["outcome"], "named": names_of(answer),
+        "class": answer["class"], "metres": None, "covered": [], "energy": None, "length": None,
+        "held_out": shares, "processor_s": round(spent + answer["kept_s"], 1),
     }  # fmt: skip
 
 

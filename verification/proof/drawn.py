@@ -9,6 +9,7 @@ from benchmarks.blind.case_files import read_asked
 from benchmarks.blind.drawing import drawn, write_drawn
 from benchmarks.blind.plan import FAMILY, Draw
 from pyblast.diagnosis.effects import effects_of
+from pyblast.diagnosis.hypotheses import blast_and_hole
 from pyblast.workflows.diagnose import diagnose
 
 from .predictions import predictions, project_in
@@ -18,6 +19,7 @@ NEAR = 20.0  # m, within which a plane is meant: a third of an S wave of the top
 CREEPING = "joint_creeping_fill"
 TURN = 2.0 * np.pi  # rad, after which a parameter of that name is the same
 NAMES = ("NAMED", "COMPOSITE", "MISTAKE")
+BLAST_CLOCK = "time zero"  # a mistake that has no label of its own; the library has its effect
 
 
 def answered(draw: Draw, store: Path) -> dict:
@@ -92,16 +94,18 @@ def row_of(truth: dict, answer: dict, explained: dict) -> dict:
     Returns
     -------
     dict
-        ``block``, ``truth``: labels; ``outcome``, ``named``: labels, ``class``; ``metres`` that a
-        plane is off, ``covered``: of each parameter with a truth whether its 90 % interval holds
+        ``block``, ``truth``: labels; ``outcome``, ``named``: labels, ``class``; ``placed``: of each
+        right name whether it stands where the effect is, and nowhere else; ``metres`` that a plane
+        is off, ``covered``: of each parameter with a truth whether its 90 % interval holds
         it, ``held_out``: shares by model, means over the records in which the effects are.
     """
     labels = [part["label"] for part in truth["effects"]]
-    named = [part["label"] for part in named_parts(answer)]
+    named = names_of(answer)
     kinds = sorted({kind for part in truth["effects"] for kind in _unseen(part)})
     return {
         "block": truth["block"], "truth": labels, "outcome": answer["outcome"], "named": named,
-        "class": answer["class"], "metres": _metres(truth, answer) if named else None,
+        "class": answer["class"], "placed": _placed(truth, answer),
+        "metres": _metres(truth, answer) if named else None,
         "covered": _covered(truth, answer) if named else [],
         "held_out": {
             key: round(float(np.mean([share[kind] for kind in kinds or share])), 5)
@@ -111,10 +115,44 @@ def row_of(truth: dict, answer: dict, explained: dict) -> dict:
 
 
 def named_parts(answer: dict) -> list[dict]:
-    """Return the mistakes and effects that an answer names."""
-    parts = [*answer.get("mistakes", []), *answer["effects"]]
-    said = [part for part in parts if part["label"] and part.get("named", True)]
-    return said if answer["outcome"] in NAMES else []
+    """Return the mistakes and effects that an answer names, each with a label.
+
+    A mistake that is no effect of the library has its kind as label.
+    """
+    if answer["outcome"] not in NAMES:
+        return []
+    mistakes = [one | {"label": _label(one)} for one in answer.get("mistakes", [])]
+    effects = [part for part in answer["effects"] if part["label"] and part.get("named", True)]
+    return mistakes + effects
+
+
+def _label(mistake):
+    """Return the label of a mistake, or its kind where it is no effect of the library."""
+    return "clock_error" if mistake["kind"] == BLAST_CLOCK else mistake["label"] or mistake["kind"]
+
+
+def names_of(answer: dict) -> list[str]:
+    """Return the labels that an answer names, mistakes first."""
+    return [part["label"] for part in named_parts(answer)]
+
+
+def _placed(truth, answer):
+    """Return for each right name whether all its places are true ones."""
+    placed = []
+    for one in named_parts(answer):
+        wanted = [true["target"] for true in truth["effects"] if true["label"] == one["label"]]
+        targets = [one["target"]] if isinstance(one["target"], str) else one["target"]
+        if wanted:
+            placed.append(all(
+                any(_there(place, target, one) for place in wanted) for target in targets
+            ))  # fmt: skip
+    return placed
+
+
+def _there(wanted, target, one):
+    """Tell whether a place is the wanted one, a hole of it, or a plane near it; "" is anywhere."""
+    same = wanted in ("", target, blast_and_hole(target)[0])
+    return same or ("=" in wanted and "parameters" in one and _off(wanted, target, one) <= NEAR)
 
 
 def _metres(truth, answer):

@@ -15,6 +15,7 @@ from .answers import first_answers, versions
 from .cases import KNOWN
 from .registered import KINDS, changed_thresholds, registered
 from .scores import (
+    CLEAR,
     ENERGIES,
     LENGTHS,
     TARGETS,
@@ -29,6 +30,7 @@ from .scores import (
     right,
     shares,
     truth_word,
+    with_gains,
 )
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -65,7 +67,7 @@ def page(rows: Rows, version: str | None, answers: Rows) -> str:
     parts = [
         f"{summary(version, answers)} [Rules, thresholds and the list of cases](registration.md) "
         "were registered before.", _kinds(cases, answers), "### What was to be reached",
-        _targets(answers), *_seen_before(rows, version, answers),
+        _targets(answers, _unseen(rows, version, answers)), *_all_versions(rows),
     ]  # fmt: skip
     if answers and version != program():
         parts.append("The program has changed since; its present version has answered fewer cases.")
@@ -77,7 +79,8 @@ def page(rows: Rows, version: str | None, answers: Rows) -> str:
         parts += [
             "### Truth against answer",
             "![Confusion matrix of first answers](../figures/proof.png)", matrix(own),
-            "### Power", _power(own), _detected(own), "### Numbers", _numbers(own),
+            "### Power", _power(own), _detected(own), "### Records that no fit has used",
+            _predicted(answers), "### Numbers", _numbers(own),
             "### First answers", _answers(rows, version, answers),
         ]  # fmt: skip
     return reflow("\n\n".join(parts))
@@ -93,13 +96,33 @@ def summary(version: str | None, answers: Rows) -> str:
     own = in_library_words(answers)
     nulls = [row for row in own if not row["truth"]]
     single = [row for row in own if row["block"] == "single"]
-    silent = len(nulls) - sum(shares(answers)["alarms"])
-    failed = sum(row["outcome"] == "CRASH" for row in answers.values())
+    crashed = sum(row["outcome"] == "CRASH" for row in answers.values())
+    called, clear = Counter(row["outcome"] for row in nulls), shares(answers)["named"]
     return (
         f"Version `{version}` has answered {len(answers)} of {len(cases)} registered cases "
-        f"({days}), each once: it claims nothing on {silent} of {len(nulls)} nulls, names "
-        f"{sum(map(right, single))} of {len(single)} single effects, and crashed {failed} times."
+        f"({days}), each once; {len(answers) - len(own)} are drops. It calls {called['NULL']} of "
+        f"{len(nulls)} nulls NULL and {called['UNKNOWN']} UNKNOWN, names {sum(map(right, single))} "
+        f"of {len(single)} single effects ({sum(clear)} of {len(clear)} of d′ ≥ {CLEAR:g}), and "
+        f"crashed {crashed} times. {_verdicts(answers)}"
     )
+
+
+def _verdicts(answers):
+    """Say which targets are met and missed."""
+    told, lists = shares(answers), {}
+    for target in TARGETS:
+        hits = told[target.name]
+        short = target.words.partition(":")[0]
+        if hits:
+            share = percent(np.mean(hits))
+            short += f" ({share} of {len(hits)}; {target.sign} {percent(target.share)})"
+        lists.setdefault(met(target, hits), []).append(short)
+    words = {True: "Met", False: "Missed"}
+    said = [f"{words[key]}: {'; '.join(lists[key])}." for key in words if key in lists]
+    few = len(lists.get(None, ()))
+    if few:
+        said.append(f"Too few cases for {few} of {len(TARGETS)} targets.")
+    return " ".join(said)
 
 
 def matrix(rows: list[dict]) -> str:
@@ -113,20 +136,35 @@ def matrix(rows: list[dict]) -> str:
     return "\n".join(lines)
 
 
-def _seen_before(rows, version, answers):
-    """Return which of the cases of unknown truth another version has answered, too."""
-    blind = sorted(name for name in answers if not KNOWN[name.partition("-")[0]])
+def _unseen(rows, version, answers):
+    """Return the answers to cases of unknown truth that no other version has answered."""
     others = {key.split()[0] for key in rows if key.split()[1] != version}
-    seen = [name for name in blind if name in others]
-    if not blind:
+    blind = {name: row for name, row in answers.items() if not KNOWN[name.partition("-")[0]]}
+    return {name: row for name, row in blind.items() if name not in others}
+
+
+def _all_versions(rows):
+    """Return what each version answered, where several did."""
+    counts = versions(rows)
+    if len(counts) < 2:
         return []
-    return [f"Other versions have answered {len(seen)} of these {len(blind)} cases whose truth the "
-            f"authors did not know{': ' if seen else ''}{', '.join(seen)}."]  # fmt: skip
+    heads = ("version", "from", "answers", "false alarms", "answers with a wrong name",
+             "single effects named")  # fmt: skip
+    lines = [f"| {' | '.join(heads)} |", "|---" * len(heads) + "|"]
+    for version in counts:
+        own = first_answers(rows, version)
+        told, words = shares(own), in_library_words(own)
+        single = [right(row) for row in words if row["block"] == "single"]
+        cells = map(_count, (told["alarms"], [not each for each in told["right names"]], single))
+        date = min(row["date"] for row in own.values())
+        lines.append(f"| `{version}` | {date} | {len(own)} | {' | '.join(cells)} |")
+    return ["Each version answers once; what its wrong answers taught is in the next:",
+            "\n".join(lines)]  # fmt: skip
 
 
 def _kinds(cases, answers):
     """Return how many cases of each kind are answered."""
-    lines = ["| kind | cases | answered | right |", "|---|---|---|---|"]
+    lines = ["| kind | cases | answered | right (nulls: NULL) |", "|---|---|---|---|"]
     for kind, words in KINDS.items():
         own = [row for name, row in answers.items() if name.startswith(f"{kind}-")]
         count = sum(name.startswith(f"{kind}-") for name in cases)
@@ -135,10 +173,11 @@ def _kinds(cases, answers):
     return "\n".join(lines)
 
 
-def _targets(answers):
-    """Return the shares beside what they were to reach."""
-    lines = ["| | target | share | 95 % interval | cases | |", "|---|---|---|---|---|---|"]
-    told = shares(answers)
+def _targets(answers, unseen):
+    """Return the shares beside what they were to reach, of all answers and of unseen cases."""
+    heads = ("", "target", "share", "95 % interval", "cases", "", "of unseen cases")
+    lines = [f"| {' | '.join(heads)} |", "|---" * len(heads) + "|"]
+    told, blind = shares(answers), shares(unseen)
     for target in TARGETS:
         hits = told[target.name]
         cells = f"{NOT_ANSWERED} | | 0"
@@ -149,7 +188,9 @@ def _targets(answers):
         verdict = VERDICT[met(target, hits)]
         of = f" of {target.least} needed" if hits and len(hits) < target.least else ""
         lines.append(f"| {target.words} | {target.sign} {percent(target.share)} | {cells}{of} "
-                     f"| {verdict} |")  # fmt: skip
+                     f"| {verdict} | {_count(blind[target.name])} |")  # fmt: skip
+    lines += ["", "Unseen are cases whose truth the authors did not know and which no other "
+              f"version has answered: {len(unseen)} of {len(answers)}."]  # fmt: skip
     return "\n".join(lines)
 
 
@@ -157,7 +198,10 @@ def _power(rows):
     """Return how many effects were named, by label and share of energy that they change."""
     edges = [f"{100 * low:g} to {100 * high:g} %" if np.isfinite(high) else f"over {100 * low:g} %"
              for low, high in pairwise(ENERGIES)]  # fmt: skip
-    words = "Single effects named, and nothing else, by the energy that they change:"
+    words = (
+        "Single effects named, and nothing else, by the energy that they change, of the record "
+        "that changes most on drawn sites, elsewhere the mean of the records that change:"
+    )
     return _classes(words, edges, power(rows))
 
 
@@ -166,8 +210,8 @@ def _detected(rows):
     edges = [f"{low:g} to {high:g}" if np.isfinite(high) else f"over {low:g}"
              for low, high in pairwise(LENGTHS)]  # fmt: skip
     words = (
-        "Those of drawn sites by d′, the size of the effect in standard deviations of noise and "
-        "model error, less what calibration takes of it:"
+        "Those of drawn sites by d′, the size of the effect in standard deviations of noise and of "
+        "this version's model error, less what calibration takes of it:"
     )
     return _classes(words, edges, power(rows, "length", LENGTHS))
 
@@ -178,13 +222,46 @@ def _classes(words, edges, table):
         return f"{words} {NOT_ANSWERED}."
     lines = [words, "", "| effect | " + " | ".join(edges) + " |", "|---" * (len(edges) + 1) + "|"]
     for label, pairs in table.items():
-        cells = " | ".join(f"{hits} of {count}" if count else "" for hits, count in pairs)
-        lines.append(f"| `{label}` | {cells} |")
+        lines.append(f"| `{label}` | {' | '.join(map(_of, pairs))} |")
+    every = np.sum(list(table.values()), axis=0)
+    lines.append(f"| all | {' | '.join(map(_of, every))} |")
+    spans = (" to ".join(map(percent, clopper_pearson(*pair))) if pair[1] else "" for pair in every)
+    lines.append(f"| 95 % interval | {' | '.join(spans)} |")
     return "\n".join(lines)
 
 
+def _of(pair):
+    """Return hits of a count in words; nothing where there is none."""
+    hits, count = pair
+    return f"{hits} of {count}" if count else ""
+
+
+def _count(hits):
+    """Return a list of yes and no as hits of a count."""
+    return f"{sum(hits)} of {len(hits)}"
+
+
+def _predicted(answers):
+    """Return which share of unseen records models of the cases with names explain."""
+    models = {"before": "calibrated", "after": "as answered", "second": "second best effect",
+              "right": "right effect, fitted"}  # fmt: skip
+    words = (
+        "Share of the energy that is explained, where there is an effect and effects are named; "
+        "real hits that a model explains less than before are PARTIAL, and not here. The second "
+        "best effect is the other one of most evidence, fitted likewise."
+    )
+    lines = [f"| case | answer | {' | '.join(models.values())} |", "|---" * (len(models) + 2) + "|"]
+    told = {name: row for name, row in answers.items() if row in with_gains([row])}
+    for name, row in told.items():
+        cells = (f"{row['held_out'][key]:.3f}" if key in row["held_out"] else "" for key in models)
+        lines.append(f"| {name} | {_code(answer_word(row))} | {' | '.join(cells)} |")
+    medians = (_median(gains(told.values(), key), ".3f", "") for key in list(models)[1:])
+    lines.append(f"| median gain | | | {' | '.join(medians)} |")
+    return "\n".join([words, "", *lines])
+
+
 def _numbers(rows):
-    """Return located distances, gains, coverage and time."""
+    """Return located distances, coverage and time."""
     metres = [row["metres"] for row in rows if row.get("metres") is not None]
     covered = [hit for row in rows for hit in row.get("covered", ())]
     seconds = [row["processor_s"] for row in rows if row.get("processor_s") is not None]
@@ -193,13 +270,12 @@ def _numbers(rows):
         low, high = clopper_pearson(sum(covered), len(covered))
         share, low, high = map(percent, (np.mean(covered), low, high))
         inside = f"{share} ({low} to {high}) of {len(covered)}"
-    lines = ["| | |", "|---|---|", f"| place off by, median | {_median(metres, '.1f', ' m')} |"]
-    for key, words in (("after", "the answer"), ("second", "the second best effect"),
-                       ("right", "the right model")):  # fmt: skip
-        lines.append(f"| energy of unseen records explained beyond the calibrated site by {words}, "
-                     f"median | {_median(gains(rows, key), '.3f', '')} |")  # fmt: skip
+    placed = [hit for row in rows for hit in row.get("placed", ())]
+    lines = ["| | |", "|---|---|",
+             f"| right names at the right receiver, blast, joint or plane | {_count(placed)} |",
+             f"| error of place, median | {_median(metres, '.1f', ' m')} |"]  # fmt: skip
     lines.append(f"| parameters inside their 90 % intervals | {inside} |")
-    lines.append(f"| processor of a case, median | {_median(seconds, '.0f', ' s')} |")
+    lines.append(f"| processor time per case, median | {_median(seconds, '.0f', ' s')} |")
     return "\n".join(lines)
 
 

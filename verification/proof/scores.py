@@ -1,7 +1,7 @@
 """Scores of first answers: confusion matrix, shares with exact intervals, power against energy."""
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -14,6 +14,8 @@ LEVEL = 0.95
 SILENT = ("NULL", "UNKNOWN")
 NAMES = ("NAMED", "COMPOSITE", "MISTAKE")
 NULLS, OUTSIDE = ("null", "hard null"), ("outside", "out of library")
+# Effects outside of the library that its `body` ("softer or stiffer, or nearly a void") means.
+BODIES = "void", "tunnel", "dyke", "basin"
 
 
 class Target(NamedTuple):
@@ -109,11 +111,14 @@ def right(row: dict) -> bool:
 
 def wrong(row: dict) -> bool:
     """Tell whether something is named that is not true, or the diagnosis crashed."""
-    return row["outcome"] == "CRASH" or not set(row["named"]) <= set(row["truth"])
+    true = {*row["truth"], *(["body"] if set(row["truth"]) & set(BODIES) else [])}
+    return row["outcome"] == "CRASH" or not set(row["named"]) <= true
 
 
 def shares(rows: dict[str, dict]) -> dict[str, list[bool]]:
     """Return for each name of `TARGETS` yes or no for each case that counts.
+
+    A crash counts as clear, since it leaves no d'.
 
     Parameters
     ----------
@@ -122,8 +127,8 @@ def shares(rows: dict[str, dict]) -> dict[str, list[bool]]:
     """
     real = [row for name, row in rows.items() if name.startswith("real-")]
     others = in_library_words(rows)
-    clear = [row for row in others
-             if row["block"] == "single" and (row.get("length") or 0.0) >= CLEAR]  # fmt: skip
+    clear = [row for row in others if row["block"] == "single"
+             and ((row.get("length") or 0.0) >= CLEAR or row["outcome"] == "CRASH")]  # fmt: skip
     return {
         "alarms": [alarm(row) for row in others if row["block"] in NULLS],
         "right names": [not wrong(row) for row in others if row["named"]],
@@ -178,14 +183,20 @@ def power(
     return table
 
 
-def gains(rows: list[dict], key: str = "after") -> list[float]:
+def with_gains(rows: Iterable[dict]) -> list[dict]:
+    """Return the rows of sites with an effect whose answer names effects and predicts by them.
+
+    An answer MISTAKE stops before a model is changed.
+    """
+    return [row for row in rows if row["truth"] and row["named"] and row["outcome"] != "MISTAKE"
+            and row.get("held_out")]  # fmt: skip
+
+
+def gains(rows: Iterable[dict], key: str = "after") -> list[float]:
     """Return by how much more energy of unseen records a model explains than the calibrated one.
 
-    Of cases with an effect, whose answer has that model: ``after`` the diagnosis, with the
-    ``second`` best effect, or the ``right`` one. An answer MISTAKE stops before a model is changed.
+    Of the rows `with_gains` that have that model: ``after`` the diagnosis, with the ``second``
+    best effect, or the ``right`` one.
     """
-    told = [
-        row["held_out"] for row in rows
-        if row["truth"] and row.get("held_out") and row["outcome"] != "MISTAKE"
-    ]  # fmt: skip
+    told = [row["held_out"] for row in with_gains(rows)]
     return [each[key] - each["before"] for each in told if {key, "before"} <= set(each)]
