@@ -10,6 +10,7 @@ from benchmarks.blind.drawing import drawn, write_drawn
 from benchmarks.blind.plan import FAMILY, Draw
 from pyblast.diagnosis.effects import effects_of
 from pyblast.diagnosis.hypotheses import blast_and_hole
+from pyblast.files import write_summary
 from pyblast.workflows.diagnose import diagnose
 
 from .predictions import predictions, project_in
@@ -29,7 +30,7 @@ def answered(draw: Draw, store: Path) -> dict:
     ----------
     draw : Draw
     store : path
-        Keeps records and runs, so that a case that was stopped goes on.
+        Keeps records and runs, so that a case that was stopped goes on, and the whole answer.
 
     Returns
     -------
@@ -42,6 +43,8 @@ def answered(draw: Draw, store: Path) -> dict:
     made = diagnose(project_in(store, name), runs)
     spent = time.process_time() - began
     summary, asked = made.summary, read_asked(store / "asked" / name)
+    (store / "answers").mkdir(exist_ok=True)
+    write_summary(store / "answers" / f"{name}.json", summary)
     model = summary["model"]
     told = {"before": (model["baseline_values"], ()), "after": (model["values"], effects_of(model))}
     other = second_best(made.search.ranked(), made.decision.fit.labels)
