@@ -34,15 +34,12 @@ def right(store: Path, name: str, truth: dict) -> dict:
     motion = motion_of(store, name)
     scene = Scene(simulation, baseline, hole_motion(simulation, case, baseline.project))
     found = {"length": length(scene, motion), "predicted": None}
-    effects = [_best_start(scene, one) for one in truth["effects"]]
-    if all(one is not None for one in effects):
-        on_site = any(one.hypothesis.on == "site" for one in effects)
-        home = np.zeros(len(baseline.values)) if on_site else baseline.values
-        fitted = fit(scene, effects, home)
-        if fitted is not None:
-            found["predicted"] = predictions(
-                case, read_asked(store / "asked" / name), fitted.values, fitted.effects, runs
-            )
+    hidden, *others = truth["effects"]
+    fitted = None if others else _best_fit(scene, hidden)
+    if fitted is not None:
+        found["predicted"] = predictions(
+            case, read_asked(store / "asked" / name), fitted.values, fitted.effects, runs
+        )
     return found
 
 
@@ -67,20 +64,20 @@ def length(scene, motion) -> float:
     return float(np.sqrt(scores.length[0][0, 0]))
 
 
-def _best_start(scene, hidden):
-    """Return the effect of the library that is hidden, at the start that fits best, or None."""
-    trials = []
+def _best_fit(scene, hidden):
+    """Return the fit of most evidence of the effect that is hidden, or None."""
+    fits = []
     for hypothesis in LIBRARY.values():
         if hypothesis.label != hidden["label"]:
             continue
+        on_site = hypothesis.on == "site"
+        home = np.zeros(len(scene.baseline.values)) if on_site else scene.baseline.values
         for target in _there(hypothesis.targets(scene.case), hidden["target"]):
             for one in starting_effects(hypothesis, target, scene):
-                on_site = hypothesis.on == "site"
-                home = np.zeros(len(scene.baseline.values)) if on_site else scene.baseline.values
                 fitted = fit(scene, (one,), home)
                 if fitted is not None:
-                    trials.append((fitted.log_evidence, fitted.effects[0]))
-    return max(trials, key=lambda one: one[0], default=(None, None))[1]
+                    fits.append(fitted)
+    return max(fits, key=lambda each: each.log_evidence, default=None)
 
 
 def _there(targets, wanted):
