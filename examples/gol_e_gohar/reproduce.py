@@ -6,7 +6,7 @@ The paper shows its measured records only in figures, so a finer model of the wa
 of the paper's table 6, simulates the record, with noise; `[back_analysis]` then estimates the
 stiffness of the faults and the damping on a coarser mesh, starting a factor of two to four off.
 Writes docs/quality/gol_e_gohar_fit.md and its figures. Left out: soil, joint sets and yielding,
-which edges of this size cannot resolve, and slip of the faults, which had no influence in the paper.
+which edges of this size cannot resolve, and slip of the faults, without influence in the paper.
 """
 
 import json
@@ -134,8 +134,8 @@ def page(coarse, numbers, confirmed):
     yield "**Table 1**, blocks\n\n| rock | ρ kg/m³ | K MPa | G MPa |\n|---|---|---|---|"
     for name, rock in text["materials"].items():
         yield "| " + " | ".join([name, *(f"{value:g}" for value in rock.values())]) + " |"
-    yield "\n**Tables 2 and 4**: the joint sets are left out here, and the laboratory values are not"
-    yield "available. **Tables 3 and 5**, the ranges searched\n"
+    yield "\n**Tables 2 and 4**: the joint sets are left out here, and the laboratory values are"
+    yield "not available. **Tables 3 and 5**, the ranges searched\n"
     yield "| parameter | from | to |\n|---|---|---|"
     for low, high, _, _, name in RANGES.values():
         yield f"| {name} | {low:g} | {high:g} |"
