@@ -43,7 +43,7 @@ def lines(found):
     """Return the tables of this part."""
     told = [
         "Bare time loops on one thread against exact solutions: a point force of 8 Hz in a box on",
-        "rollers, a pulse across six joints 20 m apart. γ is that of the tuned mass.",
+        "rollers, a pulse across six joints 20 m apart. γ is the parameter of the tuned mass.",
         "",
         "| problem | mesh | zones | number | step ms | s | error % |",
         "|---|---|---|---|---|---|---|",

@@ -88,7 +88,7 @@ def lines(found):
         f"Rock of {BOX[0][1]:g} × {BOX[1][1]:g} × {-BOX[2][0]:g} m with a joint and an absorbing "
         "layer of "
         f"{RIM[0]:g} m, twelve holes, {DURATION:g} s, on the coarsest mesh whose box carries "
-        f"{HIGHEST:g} Hz. Two threads; a step is measured, times are composed of steps.",
+        f"{HIGHEST:g} Hz. Two threads; one step is timed, and multiplied by the number of steps.",
         "",
         "| zones | number | nodes | steps | s a blast alone | in a batch of 8 |",
         "|---|---|---|---|---|---|",

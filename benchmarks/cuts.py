@@ -87,14 +87,14 @@ def lines(found):
     some = next(iter(found["accuracies"].values()))
     moved = np.median([row["moved"] for row in some], axis=0)
     told = [
-        f"{len(some)} sites drawn as those of the blind benchmark, its largest blast, hexahedra "
-        f"with an absorbing layer; the finer mesh has an accuracy of {found['fine']:g} by the rule "
+        f"{len(some)} sites drawn as in the blind benchmark, their largest blast, hexahedra with "
+        f"an absorbing layer; the finer mesh has an accuracy of {found['fine']:g} by the rule "
         "of nodes per wavelength. Shares of energy, medians over receivers and sites: what a "
-        f"change of the site changes ({moved[0]:.1%} by all its values off by a standard "
-        f"deviation, {moved[1]:.1%} by a joint that closes), and what runs corrected at the "
-        f"reference model miss of it. A diagnosis takes {found['chosen']:g}. The finer mesh is "
-        f"itself wrong by what one of {FINEST:g} of its error changes; as a share of the "
-        "correction (`MESH_SHARE` of it counts as an error).",
+        f"change of the site changes ({moved[0]:.1%} if all its values are off by a standard "
+        f"deviation, {moved[1]:.1%} if a joint closes), and what runs corrected at the reference "
+        f"model miss of that change. A diagnosis uses {found['chosen']:g}. The error of the finer "
+        f"mesh is its difference from a mesh with {FINEST:g} of its error, as a share of the "
+        "correction (`MESH_SHARE` of the correction counts as an error).",
         "",
         "| accuracy | missed, values off | missed, closing joint | missed without the "
         "correction | wrong in the finer mesh, of that | time of a run over the finer mesh's |",

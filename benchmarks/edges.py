@@ -111,10 +111,10 @@ def bare(lanes, single):
 def lines(found):
     """Return the table of this part."""
     told = [
-        "Full steps on one thread, million zones a second, alone and by 8. Where neighbours differ",
-        "an edge has a skew part as well; where more than 70 % have one, ground runs by zones",
-        "unless in a batch. *Single* is the gain of springs in single precision (edges alone,",
-        "without the rest of a step); they are kept in double precision.",
+        "Full steps on one thread, in million zones per second, alone and in batches of 8. Where "
+        "its neighbours differ, an edge also has a skew part; if more than 70 % have one, ground "
+        "runs by zones unless in a batch. *Single* is the gain from springs in single precision "
+        "(edges alone, without the rest of a step); pyblast keeps them in double.",
         "",
         "| ground | zones | skew edges | B a zone | alone: zones, edges | by 8: zones, edges "
         "| edges over zones, alone and by 8 | single |",

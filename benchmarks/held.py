@@ -39,10 +39,10 @@ def lines(found):
     """Return the table of this part."""
     told = [
         f"{found['nodes']} nodes of bricks of order {layer.ORDER} with absorbing layer, double "
-        f"precision: {found['bytes_a_node']:.0f} bytes a node in the arrays of a run. By the wall "
-        "seconds of one thread and of two in turn, one thread does "
-        f"{100 * found['serial_share']:.0f} % of a step alone; other work on the machine counts "
-        "as such. The largest arrays:",
+        f"precision: {found['bytes_a_node']:.0f} bytes per node in the arrays of a run. From the "
+        "wall times on one thread and on two, measured in turn, one thread does "
+        f"{100 * found['serial_share']:.0f} % of a step alone, which includes the effect of other "
+        "work on the machine. The largest arrays:",
         "", "| array | bytes a node |", "|---|---|",
     ]  # fmt: skip
     return told + [f"| `{name}` | {size:.0f} |" for name, size in found["largest"].items()]

@@ -192,13 +192,12 @@ def bytes_per_zone(constants):
 def lines(found):
     """Return the tables of this part."""
     told = [
-        "Million zones a step and second (Mz/s), one thread; six zones to a cell, in order along a",
-        "curve. *Zones alone* are forces and update alone; a *step* has viscous sides, ten "
-        "receivers",
-        "and the energy balance, a *damped* one low-passed Rayleigh damping of 2 % as well. Such",
-        "ground runs *by edges*; ground that edges cannot represent runs *by zones*. Shares are of",
-        "the triad's bytes a second (the memory limit), by the bytes that a step of its kind moves",
-        "and by the 59 B that every step of zones needs.",
+        "Million zone steps per second (Mz/s), one thread; six zones per cell, ordered along a "
+        "curve. *Zones alone* means forces and update only; a *step* also has viscous sides, ten "
+        "receivers and the energy balance, a *damped* one low-passed Rayleigh damping of 2 % as "
+        "well. Such ground runs *by edges*; ground that edges cannot represent runs *by zones*. "
+        "Shares are of the triad's bytes per second (the memory limit), counting the bytes that "
+        "such a step moves or the 59 B that every step of zones needs.",
         "",
         "| mesh | kernel | Mz/s | B a zone | of its limit | of that of 59 B | over naive loop | "
         "2 threads | batch of 8 over single runs, 1 and 2 threads |",

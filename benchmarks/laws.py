@@ -78,11 +78,10 @@ def laws(intact, cut):
 def lines(found):
     """Return the table of this part."""
     told = [
-        f"Time of a step over that of the elastic one, by edges ({found['ns, single']:.1f} ns a "
+        f"Time of a step relative to the elastic one, by edges ({found['ns, single']:.1f} ns a "
         f"zone, {found['ns, batch']:.1f} ns in a batch of 8) and by zones; one thread, "
         f"{found['zones']} zones; joints at {found['facets_a_zone']:.2f} facets and "
-        f"{found['contacts_a_zone']:.2f} contacts a zone. Each law runs in the way that the "
-        "program chooses.",
+        f"{found['contacts_a_zone']:.2f} contacts per zone. Each law runs as the program chooses.",
         "",
         "| law | runs by | over edges | over zones | batch of 8 over edges | over zones |",
         "|---|---|---|---|---|---|",

@@ -58,9 +58,9 @@ def of_model(model):
 def lines(found):
     """Return the table of this part."""
     told = [
-        f"Bricks of order {ORDER}, {BESIDE} of them as layer on each side but the top; one thread, "
-        "processor seconds. The ground's node is that of the same model without its layer, "
-        "integrated in turn.",
+        f"Bricks of order {ORDER}, the layer {BESIDE} of them thick on each side but the top; one "
+        "thread, processor seconds. The time of a ground node is that of the same model without "
+        "its layer, run in turn.",
         "",
         "| numbers | nodes | of the layer | ns a node of the ground | ns a node of the layer "
         "| ratio |",

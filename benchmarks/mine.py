@@ -115,8 +115,8 @@ def lines(found):
         "s, static "
         f"stage {mine['static']['steps']} steps or {static_s:.0f} s. The time of a step is the "
         "median "
-        f"of five times {STEPS} of them; {MOTION:g} s of motion are steps times that, without "
-        "either.",
+        f"of five runs of {STEPS} steps; {MOTION:g} s of motion take the number of steps times "
+        "that, meshing and static stage left out.",
         "",
         "| damping | step ms | steps | s a step, 1 and 2 threads | s for the motion | 2 threads |",
         "|---|---|---|---|---|---|",
@@ -132,8 +132,7 @@ def lines(found):
     told += [
         "",
         f"That mesh carries (Hz): {carried}. One that carries {HIGHEST:g} Hz in every layer "
-        "would need, "
-        "composed from the same step and cost of a zone and not run:",
+        "would need, calculated from the same step and cost per zone, not run:",
         "",
         "| zones | million, by layer | memory GB | s for the motion, 2 threads |",
         "|---|---|---|---|",

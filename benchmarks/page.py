@@ -15,40 +15,45 @@ DOCS = Path(__file__).resolve().parents[1] / "docs"
 PAGE, FIGURES = DOCS / "quality" / "performance.md", DOCS / "figures" / "bench"
 HEAD = """# Performance
 
-Written by `python -m benchmarks` from `benchmarks/results.json`; `./dev bench` sets up first.
-Each number stands beside the machine, its load and the date on which it was taken;
-ratios are those of one run: the programs compared are timed in turn, in five rounds or more, and
-the table gives the median of the ratios of each round. A stream from memory (triad) and
-multiply-add from registers are timed in the same rounds. Two virtual processors may share a core:
-a second thread is not judged where multiply-add gains less than 1.9.
+Written by `python -m benchmarks` from `benchmarks/results.json`; `./dev bench` sets up first. Each
+number is given with the machine, its load and the date of measurement. Ratios come from one run:
+the programs compared are timed in turn, in five rounds or more, and the table gives the median of
+the ratios of the rounds. A memory stream (triad) and multiply-add in registers are timed in the
+same rounds. Two virtual processors may share a core: a second thread is not judged where
+multiply-add gains less than 1.9.
 """
 MEASURED_BEFORE = """## Measured before
 
-On Intel(R) Xeon(R) Processor, 2026-11-21, load 1.1 to 1.3, 2 threads, by the parts *evaluations*
-and *superposition* that the benchmarks had then (commit ab242922):
+On Intel(R) Xeon(R) Processor, 2026-11-21, load 1.1 to 1.3, 2 threads, with the parts *evaluations*
+and *superposition* that the benchmarks then had (commit ab242922):
 
 - a reduced basis of 12 runs and 199 modes for three parameters of a box of 43,200 zones differs by
-  0.99 % from a full run at the worst of 8 unseen sets; an evaluation takes 63 ms, 1/37 of a full
-  run (goal 1/50), 2000 of them 188 s with training, single runs 4541 s, batches of 8 2468 s;
-- stored responses of 20 holes and 19,584 zones: a blast takes 1/52 of its run from 20 runs at the
-  holes and 1/88 from 6 runs at the receivers, with the same motion to 5e-14;
-- 10,000 scattered blasts of 50 holes at 10 receivers take 2.3 s, 206 times less than one by one;
-- a kept run costs 0.1 % of the run to find and 1 % to read, two workers do 2.0 times as
-  much as one;
-- a run that ends when all is quiet ended at 0.5 of 2 s;
-- 8 fine runs and 60 coarse ones give a mean as good as 40 fine runs, for the time of 2.4 of the 8.
+  0.99 % from a full run for the worst of 8 unseen sets; an evaluation takes 63 ms, 1/37 of a full
+  run (goal 1/50); 2000 evaluations take 188 s with training, single runs 4541 s, batches of 8 2468
+  s;
+- stored responses of 20 holes and 19,584 zones: a blast takes 1/52 of its run with 20 runs at the
+  holes and 1/88 with 6 runs at the receivers, and gives the same motion to 5e-14;
+- 10,000 blasts of 50 holes with random firing times take 2.3 s at 10 receivers, 206 times less than
+  one by one;
+- finding a stored run costs 0.1 % of the run and reading it 1 %; two workers do 2.0 times as much
+  as one;
+- a run that ends once the motion has died out ended at 0.5 of 2 s;
+- 8 fine runs, the same 8 run coarsely and 60 more coarse runs give a mean as good as 40 fine runs
+  do, in 2.4 times the time of the 8 fine ones.
 """
 SEVERAL = """## Several machines
 
 Ensembles run on several machines: `run_all(models, duration, folder=..., executor=...)` takes any
-executor of `concurrent.futures`, so also `dask.distributed.Client(...).get_executor()`. Runs are
-stored in a folder that all workers share, and missing runs are made when the call is repeated. Dask
-is optional; tests kill one of two workers, and the bits are those of one machine.
+executor of `concurrent.futures`, including `dask.distributed.Client(...).get_executor()`. Runs are
+stored in a folder that all workers share, and missing runs are computed when the call is repeated.
+Dask is optional; in tests one of two workers is killed, and the results are those of one machine,
+bit for bit.
 
 `pyblast backanalyse`, `delays` and `diagnose` take `--dask ADDRESS` for that; a run of one blast
-has nothing to share out, and `superpose` runs no model. On a cluster with a queue, dask-jobqueue
-submits the workers. This script, run on a node that may submit jobs, keeps a scheduler and four
-jobs of eight workers until Ctrl-C, and prints the address; its parameters are those of the queue:
+has nothing to distribute, and `superpose` runs no model. On a cluster with a queue, dask-jobqueue
+submits the workers. This script, run on a node that may submit jobs, prints the address and keeps a
+scheduler and four jobs of eight workers alive until Ctrl-C; set its parameters to those of your
+queue:
 
 ```python
 from threading import Event
@@ -61,21 +66,22 @@ if __name__ == "__main__":
     Event().wait()
 ```
 
-Workers need the same version of pyblast, and the folder of results by the same path; give them one
-process a core, as above. A job that ends, at its walltime or before, costs the run that it was in,
-which another worker makes again.
+All workers need the same version of pyblast and the same path to the results folder; give them one
+process per core, as above. A job that ends, at its walltime or before, loses its current run, which
+another worker repeats.
 
-One model over several machines is not implemented. It would be partitioned along existing lines:
-domains of 1024 zones follow one another along a curve, so equal runs of domains are compact parts,
-and a part keeps the slots of its domains, the contacts whose minus side it holds and the dashpots
-of its nodes. Nodes that stand in slots of several parts are held by each of them. After the
-forces of zones and contacts a part sends, for each such node, its slot and contact forces one
-by one, not their sum, and every holder adds all of them in the order of `node_part`: the same
-bits as on one machine, whatever the number of parts. A part of n zones sends about 2 n^(2/3) nodes
-of 24 bytes and slot, 0.5 MB for a million zones, against 15 ms for its step: 1 Gbit/s suffices if
-border domains are computed first and the rest during the transfer. Energies are sums over domains
-and blocks in order, once in twenty steps. Patches of yielding zones never cross domains; free-field
-columns are run by every part that needs them; the static stage ends by the same sums.
+Running one model on several machines is not implemented. The model would be partitioned along
+existing lines: domains of 1024 zones follow one another along a curve, so equal stretches of it are
+compact parts, and a part keeps the slots of its domains, the contacts whose minus side it holds and
+the dashpots of its nodes. Nodes with slots in several parts are held by each of them. After
+computing the forces of zones and contacts, a part sends the slot and contact forces of each such
+node one by one, not their sum, and every holder adds all of them in the order of `node_part`: the
+same bits as on one machine, whatever the number of parts. A part of n zones sends about 2 n^(2/3)
+nodes at 24 bytes per slot, 0.5 MB for a million zones, against 15 ms for its step: 1 Gbit/s
+suffices if border domains are computed first and the rest during the transfer. Energies are summed
+over domains and blocks in order, once in twenty steps. Patches of yielding zones never cross
+domains; free-field columns are run by every part that needs them; the static stage uses the same
+sums to decide when to end.
 """
 
 
@@ -121,7 +127,7 @@ def machines(results):
         days.setdefault(one["machine"]["processor"], []).append(one["date"])
     each = [f"{name} ({min(dates)} to {max(dates)})" for name, dates in sorted(days.items())]
     words = f"Measured on {', '.join(each)}."
-    return words if len(each) == 1 else f"{words} Numbers of different machines do not compare."
+    return words if len(each) == 1 else f"{words} Do not compare numbers across machines."
 
 
 def told_of(name, one):

@@ -27,17 +27,17 @@ def measure(effort):
 def lines(found):
     """Return the tables of this part."""
     first = next(iter(found["by_zones"].values()))
-    older = " The smallest row was timed before they did." if first["two_threads"] < 0.8 else ""
+    older = " The smallest row was measured before that rule." if first["two_threads"] < 0.8 else ""
     told = [
-        "Full step without damping, on one thread and on two. Memory is the growth of the process,",
-        "once free memory was released, beside the estimate by which the program refuses a model.",
+        "Full undamped step, on one thread and on two. Memory is the growth of the process after "
+        "free memory was released, next to the estimate by which the program refuses a model. "
         "The estimate is larger where zones are springs: numbering their edges before the run "
-        "takes",
-        "about 430 B a zone for a while. Tests compare the estimate with the arrays of models of "
-        "each",
-        "kind: never less, at most 20 % more. Waiting threads sleep, so that parallel runs do not",
+        "temporarily takes about 430 B a zone. Tests compare the estimate with the arrays of "
+        "models of each kind: it is never below them and at most 20 % above. Waiting threads "
+        "sleep, so that parallel runs do not",
         "disturb each other. Waking them costs about 0.3 ms a step, so models of fewer than 12000",
-        "nodes (about 60 thousand zones, all models of a batch counted) run on one thread whatever",
+        "nodes (about 60 thousand zones, counting all models of a batch) run on one thread "
+        "whatever",
         "number is set." + older,
         "",
         "| zones | ns a zone and step | 2 threads | mesh µs a zone | preparation µs a zone "

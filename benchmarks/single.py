@@ -81,8 +81,8 @@ def times(model):
 def lines(found):
     """Return the table of this part."""
     told = [
-        "Sites drawn as those of the blind benchmark, hexahedra as a diagnosis uses them; "
-        "one thread. Energies that pressure stores in closed joints are good to 1e-3 only.",
+        "Sites drawn as in the blind benchmark, with the hexahedra of a diagnosis; one thread. "
+        "Energies that pressure stores in closed joints are accurate to 1e-3 only.",
         "",
         "| ground | nodes | ns a node and step | single precision | times as fast "
         "| largest difference over the peak |",

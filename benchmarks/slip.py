@@ -78,10 +78,10 @@ def transmitted(share, times):
 def lines(found):
     """Return the table of this part."""
     told = [
-        f"A Ricker pulse of {FREQUENCY:g} Hz of shear meets a plane in a column of hexahedra of "
+        f"A shear Ricker pulse of {FREQUENCY:g} Hz meets a plane in a column of hexahedra of "
         f"order {ORDER} with edges of {EDGE:.0f} m; the motion behind it below {CARRIED:g} Hz "
-        "against that of spring and slider between two half spaces. Errors of the waveform, by "
-        "the strength over the stress of the wave (2: it never slips), and the work in three "
+        "is compared with that behind a spring and slider between two half-spaces. Errors of the "
+        "waveform, by the ratio of strength to wave stress (2: no slip), and the work in three "
         "dimensions:",
         "",
         f"| mesh and step | {' | '.join(f'{share:g}' for share in SHARES)} | work |",

@@ -106,8 +106,8 @@ def lines(found):
         "100 × 100 × 60 m of magnetite, joint sets of 75°/14 m, 80°/11 m and 20°/20 m, a fault, "
         "elastic joints of the mine's stiffness, edges of 5 m. Slivers are zones whose smallest "
         "altitude is below a tenth of their longest edge. The step is the bound that the program "
-        "uses, before its factor of 0.8: of all zones as explicit ones, and with the smallest "
-        "implicit. The true limit of the last mesh without these is that of the assembled "
+        "uses, before its factor of 0.8, with all zones explicit and with the smallest implicit. "
+        "The true limit of the last mesh with all zones explicit is that of the assembled "
         f"operator, by Lanczos iteration: {found['explicit_limit_ms']:.4f} ms.",
         "",
         "| mesh | blocks | zones | slivers | explicit step ms | over raw | implicit zones "
@@ -123,15 +123,16 @@ def lines(found):
     shares = ", ".join(f"{name} {part:.2f}" for name, part in found["low_passed"].items())
     text += [
         "",
-        "Local steps, each zone's by halves of the longest, would leave at most "
-        f"{found['local']:.2f} times fewer steps of zones after that; neighbours and the order of "
-        "sums would cost part of it, so all zones have one step.",
+        "Local time steps, the longest halved as often as each zone needs, would leave at most "
+        f"{found['local']:.2f} times fewer zone steps after that; neighbours and the order of "
+        "sums would cost part of this gain, so all zones share one step.",
         "",
         f"Of the explicit step, damping of 5 % at 4 Hz leaves: {shares}.",
         "",
         "Ricker wavelets enter through the west face. The same mesh with and without implicit "
         f"zones, {DURATION:g} s, 72 receivers on the top and at half height: L2 difference of "
-        "waveforms (all components) and difference of PPV, as median / nine of ten / worst in %.",
+        "waveforms (all components) and difference of PPV, as median / 90th percentile / worst, "
+        "in %.",
         "",
         "| frequency | waveform | PPV |",
         "|---|---|---|",

@@ -24,8 +24,8 @@ HOUSE = (1280.0, 2090.0, 120.0)
 blast = read_blast(Path(__file__).with_name("house_holes.csv"))
 print(*blast.checks(), sep="\n")
 
-# A measured single hole at the house belongs here; until then a closed form, scaled to an
-# assumed site law and 55 kg.
+# The record of a single hole at the house belongs here; until it is measured, a closed form stands
+# in, scaled to an assumed site law and 55 kg.
 shot = blast.centres[0]
 distance = sum((a - b) ** 2 for a, b in zip(HOUSE, shot, strict=True)) ** 0.5
 pulse = pressure_for_peak(

@@ -1,6 +1,6 @@
-"""The law of a site: peaks of many blasts, their 50 and 95 % lines, and the charges of a limit.
+"""The law of a site: peaks of many blasts, their 50 and 95 % lines, and charges that keep a limit.
 
-The table beside this script is made up: 34 draws around PPV = 1100 SD^-1.58 mm/s with a scatter
+The table beside this script is synthetic: 34 draws around PPV = 1100 SD^-1.58 mm/s with a scatter
 of 0.17 in log10. Arguments: the table, the figure.
 """
 

@@ -1,7 +1,7 @@
-"""Which delays shake three houses least? Peaks with bands, the search, and what it is gained.
+"""Which delays shake three houses least? Peaks with bands, the search, and what is gained.
 
-Four rows of six holes. A measured single hole at each house belongs here; until then a closed
-form, scaled to an assumed site law. Argument: the figure.
+Four rows of six holes. The record of a single hole at each house belongs here; until it is
+measured, a closed form stands in, scaled to an assumed site law. Argument: the figure.
 """
 
 import sys
@@ -25,7 +25,7 @@ HOUSES = {"north": (0.0, 400.0, 0.0), "east": (350.0, 50.0, 0.0), "south": (60.0
 LIMIT, CHARGE = 0.005, 60.0  # m/s, kg
 SCATTER = FiringScatter(delay_share=0.01, charge=0.2, doubt=0.3)
 
-pattern = rows_pattern(4, 6)  # so many delays between holes, and between rows, before each hole
+pattern = rows_pattern(4, 6)  # number of hole and row delays before each hole
 places = np.column_stack([pattern * [5.0, -4.0], np.full(24, -10.0)])
 nominal = pattern @ [0.017, 0.042]
 blast = Blast("bench", places, places, np.full(24, CHARGE), nominal)

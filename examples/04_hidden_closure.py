@@ -1,11 +1,11 @@
-"""A project whose joint closes, which its file does not say: something to diagnose.
+"""A project whose joint stiffens as it closes, which its file omits: something to diagnose.
 
     python examples/04_hidden_closure.py hidden
     pyblast diagnose hidden/S1.toml --out found
 
 Writes project files of a single shot and of two blasts, with what six receivers would have
-recorded if joint J1 stiffened as it closes. Speeds and stiffness differ from those of the files,
-too, and there is noise: only the records tell.
+recorded if joint J1 stiffened as it closes. Speeds and stiffnesses also differ from those in the
+files, and there is noise: only the records show the difference.
 """
 
 import sys
@@ -26,11 +26,11 @@ PLACES = ((20, 70, 0), (80, 20, 0), (100, 60, 0), (110, 30, -20), (95, 85, 0), (
 BOX = ((0.0, 120.0), (0.0, 90.0), (-60.0, 0.0))  # m, as in the files
 JOINT = 60.0
 EXPONENT, LOWEST = 0.9, 2.0  # of the charge; Hz, below the band of the files
-EDGE, PADDING = 20.0, 400.0  # m, of quadratic zones, and of what lies beyond the box
+EDGE, PADDING = 20.0, 400.0  # m, edge of quadratic zones; width of the ground beyond the box
 SIDES = ("west", "east", "south", "north", "bottom")
 GROWTH = 1.2  # of zones beyond the box
 DT, SAMPLES, BEFORE = 0.004, 125, 62
-CLOSED = 0.6  # share of its largest closure at which the joint lies
+CLOSED = 0.6  # initial closure of the joint, as a share of its largest
 ERRORS = (0.02, -0.015, 0.15, -0.1)  # logarithms of factors on cp, cs, kn, ks
 NOISE = 0.004  # of the peak of the single shot
 
@@ -79,7 +79,7 @@ recorded = {{ file = "{0}_{1}.csv" }}
 
 
 def write_projects(folder: Path) -> Path:
-    """Write the project files and what they name but the records; return the first of them."""
+    """Write the project files and what they name, except the records; return the first."""
     folder.mkdir(parents=True, exist_ok=True)
     times = np.arange(0.0, 0.1, 0.002)
     pulse = np.column_stack([times, np.sin(np.pi * times / 0.1) ** 2 * 6e10])
@@ -124,7 +124,7 @@ def model_of(project: Project, blast: str) -> Model:
 
 
 def write_records(folder: Path, project: Project, seed: int):
-    """Write what the receivers of a project record of its blasts, by runs, with noise."""
+    """Simulate what the receivers of a project record of its blasts, and write it with noise."""
     rng, motions = np.random.default_rng(seed), {}
     for name in project.blasts:
         done = simulate(model_of(project, name), SAMPLES * DT)

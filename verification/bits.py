@@ -139,7 +139,8 @@ def table(rows):
     """Return the lines of the table, a ground a line, its elements beside one another."""
     same = sum(not any(row["differs"].values()) for row in rows.values())
     lines = [
-        f"{same} of {len(rows)} have the same bits through both doors on 1, 2 and 5 threads.",
+        f"{same} of {len(rows)} give the same bits from Python and from `pyblast-run` on 1, 2 and "
+        "5 threads.",
         "", f"| ground | {' | '.join(GRIDS)} |", "|---|---|---|---|",
     ]  # fmt: skip
     for ground in dict.fromkeys(ground for ground, _ in ROWS.values()):

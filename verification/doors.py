@@ -374,9 +374,9 @@ def table(rows):
     asked = [row["within_asked"] for row in rows.values()]
     stated = [row["within_stated"] for row in rows.values()]
     lines = [
-        f"{sum(stated)} of {len(rows)} errors are within the one stated, {sum(asked)} within the "
-        "accuracy asked for.",
-        f"{FAILS} marks one beyond what is stated, {OLD} one of another program than {program()}",
+        f"{sum(stated)} of {len(rows)} errors are within the stated error, {sum(asked)} within "
+        "the accuracy asked for.",
+        f"{FAILS} marks one beyond the stated error, {OLD} one of another program than {program()}",
         f"or more than {WEEK.days} days old when this was written.",
         "",
         "| case | of the suite | auto | hexahedra | tetrahedra |",

@@ -20,10 +20,10 @@ ROOT = Path(__file__).resolve().parents[1]
 REPORTED = ROOT / "tests" / "reported"
 BEFORE = ROOT / "verification" / "field_files.json"
 PAGE = ROOT / "docs" / "quality" / "field_files.md"
-HEAD = """Written by `python -m verification.field_files`. Each row is one habit of those who write
-files in the field: what the file says, where the habit is described, what pyblast read from it
-before this page was begun, and what it reads now. A refusal is right where a file can be read in
-two ways; its sentence says what to write. {counts}"""
+HEAD = """Written by `python -m verification.field_files`. Each row is one habit of people who write
+files in the field: the file, where the habit is described, what pyblast read from it before this
+page was started, and what it reads now. A refusal is right where a file can be read in two ways or
+cannot be read; its message says what to do. {counts}"""
 TABLE = """| file | habit, and where it is described | right | before | now |
 |---|---|---|---|---|
 """
@@ -188,7 +188,8 @@ GERMAN = (
 FILES = (
     FieldFile(
         "01 delay and firing time",
-        "blast plans list the delay from the hole before beside the firing time (design programs)",
+        "blast plans list the delay after the previous hole next to the firing time (design "
+        "programs)",
         copied("01-two-time-columns/delay_and_time.csv"),
         blast,
         [50, 50, 50, 50, 0, 25, 50, 75, 5000, 8000, 210],
@@ -202,7 +203,7 @@ FILES = (
     ),
     FieldFile(
         "02 designed and loaded charge",
-        "blast reports: planned beside actual",
+        "blast reports: planned next to actual",
         copied("02-design-and-actual-charge/design_and_actual.csv"),
         blast,
         [82, 0, 74, 0, 25, 50, 5000, 8000, 210],
@@ -415,7 +416,7 @@ FILES = (
     ),
     FieldFile(
         "CSV UTF-8",
-        "Excel, Save as CSV UTF-8: begins with a mark",
+        "Excel, Save as CSV UTF-8: begins with a byte-order mark",
         text(holes(), encoding="utf-8-sig"),
         blast,
         TWO,
@@ -436,7 +437,7 @@ FILES = (
     ),
     FieldFile(
         "sep=;",
-        "first line that tells Excel the separator",
+        "first line that gives Excel the separator",
         text("sep=;\n" + holes().replace(",", ";")),
         blast,
         TWO,
@@ -464,14 +465,14 @@ FILES = (
     ),
     FieldFile(
         "points between thousands",
-        "number format of de-DE: 1.250 beside 60,5",
+        "number format of de-DE: 1.250 next to 60,5",
         text(GERMAN.replace("50,0", "1.250").replace("60,0", "60,5")),
         blast,
         [1250, 60.5, *TWO[2:]],
     ),
     FieldFile(
         "1.250 beside 980",
-        "the same without any decimal comma: open",
+        "the same without any decimal comma: ambiguous",
         text(GERMAN.replace("50,0", "1.250").replace("60,0", "980")),
         blast,
         "refused",
@@ -614,7 +615,7 @@ FILES = (
     ),
     FieldFile(
         "charge per delay",
-        "monitoring reports: MIC beside the total charge",
+        "monitoring reports: MIC next to the total charge",
         text(
             "Distance (m),Total charge (kg),Max charge per delay (kg),PPV (mm/s)\n"
             "100,900,50,8\n200,800,60,3\n"
@@ -659,7 +660,7 @@ FILES = (
     ),
     FieldFile(
         "9999 for a missing sample",
-        "loggers: mark of missing data",
+        "loggers: code for missing data",
         text(re.sub(r"\n0.100586,.*", "\n0.100586,9999,0,0", record(MOTION))),
         peaks,
         "refused",
@@ -724,7 +725,7 @@ FILES += (
               [0, 0, 0, 40, 20, 20, 266]),
     FieldFile("134 a part that is moved", "Abaqus: *INSTANCE with a translation",
               copied("134-abaqus-instances/instance_moved.inp"), extent, "refused"),
-    FieldFile("135 epochs that overlap", "station metadata with a gain changed and not ended",
+    FieldFile("135 epochs that overlap", "station metadata: epoch not ended at a change of gain",
               copied(f"{EPOCHS}/rec.mseed"), response("overlap.xml"), "refused"),
     FieldFile("135 total sensitivity alone", "station metadata without stages",
               copied(f"{EPOCHS}/rec.mseed"), response("sens_only.xml"), "refused"),
@@ -794,8 +795,8 @@ def page(now: dict[str, tuple[str, bool]], before: dict[str, list]) -> str:
     was, right = sum(before[n][1] for n in now if n in before), sum(ok for _, ok in now.values())
     wrong = sum(not ok and said.startswith("read") for said, ok in before.values())
     counts = (
-        f"Of {len(FILES)} files {right} are right now. Before, {was} were right, {wrong} were read "
-        "wrongly without a word, and the others refused."
+        f"Of {len(FILES)} files {right} are right now. Before, {was} were right, {wrong} were "
+        "misread silently, and the others refused."
     )
     rows = []
     for file in FILES:

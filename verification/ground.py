@@ -526,13 +526,13 @@ def table(found: dict) -> list[str]:
     lines = [
         f"| projects of seed {found['seed']} | {found['projects']} |",
         f"| on hexahedra | {found['hexahedra']} |",
-        f"| built otherwise than asked, unsaid | {found['wrong']} |",
+        f"| built otherwise than asked, without a message | {found['wrong']} |",
         f"| refused | {found['refused']} |",
         f"| longest set-up, CPU s | {found['cpu_seconds_worst']:.2g} |",
     ]
     if found["turned"]:
-        lines += [f"| runs beside a turned, mirrored or moved one | {found['turned']} |",
-                  "| of these within the errors they expect | "
+        lines += [f"| runs compared with a turned, mirrored or moved one | {found['turned']} |",
+                  "| of these within their expected errors | "
                   f"{found['turned_within']} |"]  # fmt: skip
         for how, (median, most) in found["turned_apart"].items():
             words = f"{100.0 * median:.2g} %, at most {100.0 * most:.2g} %"
@@ -540,9 +540,9 @@ def table(found: dict) -> list[str]:
     if found["motion_pairs"]:
         median, most = (f"{100.0 * part:.2g} %" for part in found["motion_pairs_difference"])
         apart = f"{median}, at most {most}"
-        lines += [f"| run on hexahedra and on tetrahedra | {found['motion_pairs']} |",
+        lines += [f"| run on both hexahedra and tetrahedra | {found['motion_pairs']} |",
                   f"| of these within their stated errors | {found['motion_pairs_within']} |",
-                  f"| difference of the elements, of the amplitude | {apart} |"]  # fmt: skip
+                  f"| difference between the elements, of the amplitude | {apart} |"]  # fmt: skip
     return ["| grounds | |", "|---|---|", *lines]
 
 

@@ -154,7 +154,8 @@ def measured(name):
 def table(rows):
     """Return the lines of the table and the share of bodies that are found."""
     lines = [
-        "| body | energy, % | truth at, % of the volume | best place away, m | said within, m | "
+        "| body | energy, % | rank of truth, % of the volume | best place off by, m | stated "
+        "within, m | "
         "ln B | cs there, % |",
         "|---|---|---|---|---|---|---|",
     ]
@@ -168,8 +169,8 @@ def table(rows):
     away = np.median([row["away_m"] for row in held]) if held else 0.0
     return [
         *lines, "",
-        f"{top} of {len(held)} in the top 2 % of the volume, {near} within what is said; "
-        f"{away:.0f} m away in the median.",
+        f"{top} of {len(held)} in the top 2 % of the volume, {near} within the stated distance; "
+        f"{away:.0f} m off in the median.",
     ]  # fmt: skip
 
 

@@ -76,16 +76,16 @@ def write_table(results, problems):
     as_asked = sum(bool(results.get(n, {}).get("as_asked")) for n in names)
     today = datetime.now(UTC).date()
     lines = [
-        f"{as_asked} of {len(names)} cases meet what was asked of them on the mesh asked for; "
+        f"{as_asked} of {len(names)} cases meet the tolerance asked of them on the mesh asked for; "
         f"{passed} meet their tolerance on the finest mesh of their study. {FAILS} marks a "
-        "quantity of this table whose last error is beyond its tolerance, or whose order is below "
-        "the least one behind it, ≥. Small: every error is below a tenth of the tolerance or "
-        f"{SMALLEST:g}, so no order is judged; not judged: the case exempts the quantity. R blocks "
-        "a release, E is required for the diagnosis, C for a claim.",
+        "quantity whose last error exceeds its tolerance, or whose order is below the minimum "
+        "given after it (≥). Small: every error is below a tenth of the tolerance or "
+        f"{SMALLEST:g}, so no order is judged; not judged: the case exempts the quantity. Gates: "
+        "R blocks a release, E is required for the diagnosis, C for a claim.",
         "",
-        f"Written on {today} for program {program()}. Of: when and of which program the case was "
-        f"measured; {OLD} marks another program, a date more than {WEEK.days} days before, or "
-        "neither known.",
+        f"Written on {today} for program {program()}. Column *of*: when and with which program "
+        f"the case was measured; {OLD} marks another program, a date more than {WEEK.days} days "
+        "earlier, or neither known.",
         "",
         "| case | problem | gate | of | quantity | error on each mesh | order | tolerance | |",
         "|---|---|---|---|---|---|---|---|---|",
@@ -113,7 +113,7 @@ def write_defects(tried, count):
     before, rest = text.split(DEFECTS[0])
     after = rest.split(DEFECTS[1])[1]
     survivors = [f"{one['name']} (`{one['file']}`)" for one in tried if not one["caught_by"]]
-    lines = [f"{len(tried)} of {count} defects were tried; tests noticed all but {len(survivors)}."]
+    lines = [f"{len(tried)} of {count} defects were tried; tests caught all but {len(survivors)}."]
     lines += ["", "Survivors:", "", *(f"- {one}" for one in survivors)] if survivors else []
     page = before + DEFECTS[0] + "\n\n" + "\n".join(lines) + "\n\n" + DEFECTS[1] + after
     PAGE.write_text(reflow(page), encoding="utf-8")
@@ -180,11 +180,12 @@ def shown(value, *bounds, sign="+"):
 def _asked_table(names, results):
     """Return the lines of the table of what was asked, what it is judged by, and why."""
     lines = [
-        "Asked is what the plan of verification asks, set before the measurement: a tolerance, on "
-        "a mesh, or on the finest of the study where it names none. Judged is what the study uses, "
-        "in the table above. Met from: the coarsest mesh from which on the tolerance asked for is "
-        f"met. {FAILS} marks an error there beyond the tolerance asked for; lacking: the mesh that "
-        "meets it by the observed order, or by how much it is missed.",
+        "*Asked* is what the verification plan, set before the measurement, asks for: a "
+        "tolerance on a mesh, or on the finest mesh of the study where it names none. *Judged* "
+        "is what the study uses, in the table above. *Met from* is the coarsest mesh from which "
+        f"on the tolerance asked for is met. {FAILS} marks an error on the mesh asked for that "
+        "exceeds that tolerance; *lacking* is the mesh that would meet it at the observed order, "
+        "or by how much it is missed.",
         "",
         "| case | quantity | asked | error there | judged | met from | | lacking |",
         "|---|---|---|---|---|---|---|---|",

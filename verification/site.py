@@ -45,7 +45,7 @@ HIDDEN = {  # what is hidden, and the kind that names it
 WORDS = {
     "turned": "sensor turned by 30 to 85 degrees", "halved": "gain halved",
     "bench": "new bench, 120 m away",
-    "loosened": "ground blasted loose towards one to three stations",
+    "loosened": "ground loosened by blasting towards one to three stations",
     "explosive": "explosive, blasts 1.4 times stronger or weaker",
     "delays": "delays of 12.5 ms to 4.5 or 21 ms",
 }  # fmt: skip
@@ -262,8 +262,8 @@ def lines(rows: dict) -> list[str]:
     """Return the lines of the page: a table of what was hidden, scores, times of the command."""
     sites, scores = [row["found"] for row in rows.values() if "found" in row], summary(rows)
     text = [
-        f"{len(sites)} sites, none of which served to build the method:", "",
-        "| hidden | times | date within two blasts | kind named, alone or among others | alone |",
+        f"{len(sites)} sites, none of which was used to develop the method:", "",
+        "| hidden | times | date within two blasts | kind named, alone or with others | alone |",
         "|---|---|---|---|---|",
     ]  # fmt: skip
     for name, words in WORDS.items():
@@ -276,9 +276,9 @@ def lines(rows: dict) -> list[str]:
                 + " | ".join(f"{100 * share:.0f} %" for share in shares) + " |")  # fmt: skip
     count = sum(row["forecasts"] for row in rows.values() if "found" in row)
     text += ["", (
-        f"False alarms: {scores['false_alarms_a_year']:.2f} a year of one site. The 90 % interval "
-        f"of a date held it in {100 * scores['date_in_interval']:.0f} % of the changes that were "
-        f"found. The 90 % bands of the forecasts before each blast held "
+        f"False alarms: {scores['false_alarms_a_year']:.2f} per site and year. The 90 % interval "
+        f"of a date contained it in {100 * scores['date_in_interval']:.0f} % of the changes that "
+        "were found. The 90 % bands of the forecasts before each blast contained "
         f"{100 * scores['coverage']:.1f} % of {count:,} peaks, changes included."
     )]  # fmt: skip
     slow = [row for row in rows.values() if "drift" in row]
@@ -287,15 +287,15 @@ def lines(rows: dict) -> list[str]:
             sum(bool(row[key]) for row in slow) for key in ("named", "steps", "others")
         )
         text += ["", (
-            f"Slow changes: {len(slow)} sites without any step, in each of which one sensor loses "
-            f"30 to 50 % over two to four years. {named} were named a drift of the gain "
-            f"of that sensor, {steps} one or more steps of it; {others} had another alarm."
+            f"Slow changes: {len(slow)} sites without any step, at each of which one sensor loses "
+            f"30 to 50 % over two to four years. {named} were reported as a drift of that "
+            f"sensor's gain, {steps} as one or more steps of it; {others} had another alarm."
         )]  # fmt: skip
     if "timing" in rows:
         first, again, more = (rows["timing"][f"{call}_s"] for call in CALLS)
         text += ["", (
-            f"Of 500 records of three seconds, `pyblast site` reads all in {first:.1f} s of one "
-            f"processor, {again:.1f} s again and {more:.1f} s with one record more."
+            f"`pyblast site` reads 500 records of three seconds in {first:.1f} s on one "
+            f"processor, again in {again:.1f} s, and with one record more in {more:.1f} s."
         )]  # fmt: skip
     return text
 

@@ -210,7 +210,7 @@ def table(rows):
     ]
     for name in (each for each in GROUNDS if each in rows):
         row = rows[name]
-        errors = [f"priced alone: {row.get('minutes', 0.0):.2g} min of one processor", "–"]
+        errors = [f"cost estimated only: {row.get('minutes', 0.0):.2g} min of one processor", "–"]
         if "near" in row:
             errors = [
                 ", ".join(f"{100 * row[where][what]:.2g}" for where in ("near", "far"))

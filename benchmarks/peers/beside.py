@@ -188,14 +188,14 @@ def lines(found):
     """Return the table of this part."""
     told = [
         f"{found['zones']} zones of constant strain, point force in a box on rollers, "
-        f"{found['steps']} steps, one thread, seconds of the processor. Errors are against the "
-        "exact motion (the mesh is the same, so is the error); our step includes its energy "
-        "balance "
-        "and is timed before and after each peer. NGSolve and MFEM multiply by an assembled matrix."
+        f"{found['steps']} steps, one thread, processor seconds. Errors are against the exact "
+        "motion (the mesh is the same, and so is the error); our step includes its energy "
+        "balance and is timed before and after each peer. NGSolve and MFEM multiply by an "
+        "assembled matrix."
         + "".join(f" {name} takes {steps} times fewer steps." for name, steps in SHORT.items()),
         "",
-        f"On a quiet machine: {_measured(found, False)}. Beside other work, which shares caches "
-        f"and memory and so may favour either: {_measured(found, True)}.",
+        f"On a quiet machine: {_measured(found, False)}. Alongside other work, which shares "
+        f"caches and memory and so may favour either side: {_measured(found, True)}.",
         "",
         "| program | million zones a second | ours over theirs | error % |",
         "|---|---|---|---|",

@@ -46,9 +46,9 @@ def misfits(recorded, predicted):
 
 
 def shown(misfit):
-    """Return three receivers by what is said of them: the best, the median and the worst predicted.
+    """Return the best, the median and the worst predicted receiver, by their captions.
 
-    By the energy that the diagnosed site misses.
+    Ranked by the energy that the diagnosed site leaves unexplained.
     """
     order = sorted(misfit["diagnosed"], key=misfit["diagnosed"].__getitem__)
     return {"best": order[0], "median": order[len(order) // 2], "worst": order[-1]}

@@ -1,8 +1,8 @@
-"""Make the records of this example: other values, a finer mesh, noise.
+"""Simulate the records of this example, with other values, a finer mesh and noise.
 
     python examples/fault_from_records/make_records.py          half a minute
 
-The search knows none of these values.
+The search is given none of these values.
 """
 
 import tomllib

@@ -3,12 +3,12 @@
     python examples/gol_e_gohar/diagnose.py [TRIAL ...]     all of them without a name
 
 The ground is that of project.toml without joint sets, all of it elastic: layers, the two faults,
-motion through the western face. Only the trial of the soil has soil, to 5 Hz: its zones make a run
-thirty times as long; elsewhere schist takes its place, to 15 Hz. The believed model has other
-values than the truth, which runs on a finer mesh: speeds within 1 %, stiffnesses within 5 %, noise
-of 2 % of the PPV. Two blasts at five receivers are diagnosed by `pyblast diagnose`; a third one,
-which no fit uses, shows what is explained before and after. `./dev proof` counts these trials, too,
-as cases whose truths the authors know.
+motion through the western face. Only the trial of the soil has soil, up to 5 Hz, as its zones make
+a run thirty times as long; in the others schist takes its place, up to 15 Hz. The reference model
+differs from the truth, which runs on a finer mesh: speeds within 1 %, stiffnesses within 5 %, noise
+of 2 % of the PPV. Two blasts at five receivers are diagnosed by `pyblast diagnose`; a third, which
+no fit uses, shows what is explained before and after. `./dev proof` also counts these trials, as
+cases whose truths the authors know.
 """
 
 import json
@@ -44,11 +44,11 @@ CAVITY = {  # a single hole, 188 mm/s at 39 m
     "material": "magnetite", "hole_m": [-34.99, 137.27, 68.4], "receiver_m": [0, 150, 80],
     "charge_kg": 450, "radius_m": 5, "peak_time_ms": 20, "duration_s": 1.5,
 }  # fmt: skip
-INPUT = {"face": "west", "low_pass_hz": 20, "distance_m": 39}  # alike on the whole face
+INPUT = {"face": "west", "low_pass_hz": 20, "distance_m": 39}  # the same over the whole face
 
 
 def tables(name, edges, soil):
-    """Return the tables of a blast, with so many edges per wavelength, with soil or without."""
+    """Return the tables of a blast for a number of edges per wavelength, with or without soil."""
     text = tomllib.loads((HERE / "project.toml").read_text(encoding="utf-8"))
     mesh = text["mesh"]
     fault = {key: text["joints"]["fault"][key] for key in ("kn_gpa_per_m", "ks_gpa_per_m")}
@@ -108,13 +108,13 @@ def planned(name):
 
 
 def without_second_fault(table):
-    """Leave F2 out of what is believed."""
+    """Leave F2 out of the reference model."""
     table["mesh"]["faults"] = table["mesh"]["faults"][:1]
     del table["joints"]["F2"]
 
 
 def soft_soil(table):
-    """Make the soil softer and thinner than believed."""
+    """Make the soil softer and thinner than in the reference model."""
     soil, schist, _ = table["mesh"]["layers"]
     soil["thickness_m"], schist["thickness_m"] = 14, schist["thickness_m"] + 6
     for key in ("bulk_mpa", "shear_mpa"):
@@ -122,13 +122,13 @@ def soft_soil(table):
 
 
 def quality(table):
-    """Give the ground constant Q in place of Rayleigh damping."""
+    """Give the ground constant Q instead of Rayleigh damping."""
     del table["damping"]
     for rock in table["materials"].values():
         rock |= {"qp": 30.0, "qs": 20.0, "quality_band_hz": [*BANDS[False]]}
 
 
-# Name: effect, physics, change of the believed tables, change of the true tables, of the project
+# Name: effect, physics, change of the reference tables, of the true tables, of the project
 TRIALS = {
     "nothing 1": (None, None, None, None, None),
     "nothing 2": (None, None, None, None, None),
@@ -191,7 +191,7 @@ def turned(velocity):
 
 
 def written(folder, trial, motion):
-    """Write the believed project of a trial with its records; return the path of the first."""
+    """Write the reference project of a trial with its records; return the path of the first."""
     believed = TRIALS[trial][2]
     for name in ROWS:
         write_holes(folder, name, planned(name))

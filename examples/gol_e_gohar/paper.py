@@ -1,4 +1,4 @@
-"""Put the motion of the example beside what the paper says of its mine, in one table.
+"""Compare the motion of the example with what the paper reports of its mine, in one table.
 
     pyblast run examples/gol_e_gohar/project.toml
     python examples/gol_e_gohar/paper.py RESULT

@@ -2,11 +2,11 @@
 
     python examples/gol_e_gohar/reproduce.py [FOLDER]
 
-The measured records stand in figures of the paper only, so a finer model of the wall, with values
-of the paper's table 6, records the blast with noise; `[back_analysis]` then finds stiffness of the
-faults and damping on a coarser mesh, from values that are wrong by a factor of two to four. Writes
-docs/quality/gol_e_gohar_fit.md and its figures. Left out: soil, joint sets and yielding, which
-edges of this size do not carry, and slip of the faults, which the paper found without influence.
+The paper shows its measured records only in figures, so a finer model of the wall, with the values
+of the paper's table 6, simulates the record, with noise; `[back_analysis]` then estimates the
+stiffness of the faults and the damping on a coarser mesh, starting a factor of two to four off.
+Writes docs/quality/gol_e_gohar_fit.md and its figures. Left out: soil, joint sets and yielding,
+which edges of this size cannot resolve, and slip of the faults, without influence in the paper.
 """
 
 import json
@@ -123,18 +123,19 @@ def page(coarse, numbers, confirmed):
     names = recorded.components
     yield "# The paper's chain, on a synthetic site\n"
     yield (
-        "`python examples/gol_e_gohar/reproduce.py` writes this page. Measured records stand in "
-        "the paper's figures only. So a finer mesh with the values of its table 6 records the "
-        f"blast (noise of {100 * NOISE:g} % of the PPV), and `[back_analysis]` finds them, "
-        "from values that are wrong by a factor of two to four, on "
-        f"a mesh of {len(coarse.mesh.zones)} zones at {BAND[0]:g} to {BAND[1]:g} Hz. Soil, joint "
-        "sets, yielding and slip are left out: edges of this size do not carry them.\n"
+        "`python examples/gol_e_gohar/reproduce.py` writes this page. The paper shows its "
+        "measured records only in figures, so a finer mesh with the values of its table 6 "
+        f"simulates the record (noise of {100 * NOISE:g} % of the PPV), and `[back_analysis]` "
+        "estimates them, starting a factor of two to four off, on a mesh of "
+        f"{len(coarse.mesh.zones)} zones at {BAND[0]:g} to {BAND[1]:g} Hz. Soil, joint sets and "
+        "yielding are left out, as edges of this size cannot resolve them, and slip of the "
+        "faults, as the paper found it to have no influence.\n"
     )
     yield "**Table 1**, blocks\n\n| rock | ρ kg/m³ | K MPa | G MPa |\n|---|---|---|---|"
     for name, rock in text["materials"].items():
         yield "| " + " | ".join([name, *(f"{value:g}" for value in rock.values())]) + " |"
-    yield "\n**Tables 2 and 4**: joints of the sets are left out here; the values of the laboratory"
-    yield "are not available to this project. **Tables 3 and 5**, the ranges that are searched\n"
+    yield "\n**Tables 2 and 4**: the joint sets are left out here, and the laboratory values are"
+    yield "not available. **Tables 3 and 5**, the ranges searched\n"
     yield "| parameter | from | to |\n|---|---|---|"
     for low, high, _, _, name in RANGES.values():
         yield f"| {name} | {low:g} | {high:g} |"
@@ -142,10 +143,10 @@ def page(coarse, numbers, confirmed):
     yield "| | paper | synthetic site | start | best | 90 % interval |\n|---|---|---|---|---|---|"
     yield from rows_of(numbers)
     yield (
-        f"\n{numbers['runs']} runs; {100 * numbers['fit']['remaining']:.2g} % of the energy of the "
-        "record is not explained in the band. PPV and dominant frequency are of the whole motion, "
-        "whose peaks at 10 to 13 Hz lie above the band that was fitted. The paper matched PPV "
-        "within 15 % and dominant frequency within 10 %; here\n"
+        f"\n{numbers['runs']} runs; {100 * numbers['fit']['remaining']:.2g} % of the record's "
+        "energy in the band is unexplained. PPV and dominant frequency are those of the "
+        "unfiltered motion, whose spectral peaks at 10 to 13 Hz lie above the fitted band. The "
+        "paper matched PPV within 15 % and dominant frequency within 10 %; here:\n"
     )
     yield "| | component | synthetic record | simulated with the best values |\n|---|---|---|---|"
     for quantity, first, second in compared:

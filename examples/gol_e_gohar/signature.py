@@ -2,16 +2,16 @@
 
     python examples/gol_e_gohar/signature.py
 
-Writes hole.csv beside this file. What is published of the record fixes it so far:
+Writes hole.csv beside this file. What is published of the record constrains it as follows:
 
 - one hole lasts 0.88 s: the excitation of four rows 40 ms apart ends at 1 s;
 - "filtered and non-filtered nearly the same" at 20 Hz: nothing above it;
-- it was measured at 39 m because nearer instruments clip at 254 mm/s: its peak is below that. 100
-  mm/s lies within the range of the published laws there (49 to 1700 mm/s for 450 kg);
-- explosive sends 1 to 10 % of its heat into waves: 12 Hz at this level on the graded face has 4 %,
-  8 Hz would have twice as much.
+- it was measured at 39 m because instruments nearer by clip at 254 mm/s, so its peak is below that.
+  100 mm/s lies within the range of the published laws there (49 to 1700 mm/s for 450 kg);
+- an explosive radiates 1 to 10 % of its heat as waves: 12 Hz at this level on the graded face gives
+  4 %, 8 Hz would give twice as much.
 
-Waveform, frequency within 8 to 12 Hz and the ratio of the components are free.
+The waveform, the frequency within 8 to 12 Hz and the ratios of the components remain free.
 """
 
 from pathlib import Path

@@ -1,7 +1,8 @@
-"""What does it cost that no two hits are alike? Real hits summed over a firing plan.
+"""What is the effect of no two hits being alike? Real hits summed over a firing plan.
 
 Twelve "holes" are two real hits at each of six places, 42 ms apart; the prediction repeats one
-other real hit of each place. Every waveform is real, the sum is ours. Argument: the folder.
+other real hit of each place. Every waveform is real, only the sum is made here.
+Argument: the folder.
 """
 
 import sys

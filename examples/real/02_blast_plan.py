@@ -1,7 +1,8 @@
-"""Real firing plans, fired on paper: read, checked, superposed at a house 500 m away.
+"""Real firing plans, fired numerically: read, checked, superposed at a house 500 m away.
 
 The plans are real; whether they were fired is unknown. The motion of one hole is a closed form
-or a hammer hit of another place: nothing here says what any house felt. Argument: the folder.
+or a hammer hit from another place: nothing here shows what any house experienced.
+Argument: the folder.
 """
 
 import sys
@@ -32,7 +33,7 @@ def house_of(blast):
 
 
 def closed_form(house, centre, charge):
-    """Move the house by one hole: pressurised cavity, peak by the law of AS 2187.2."""
+    """Return the motion of one hole at the house: pressurised cavity, peak by AS 2187.2."""
     distance = float(np.linalg.norm(house - centre))
     peak = HARD_ROCK.ppv(distance, charge)
     pulse = pressure_for_peak(**ROCK, pulse=SmoothPulse(1.0, 0.03), distance=distance, peak=peak)

@@ -1,4 +1,4 @@
-"""A real hammer hit beside a simulated one: point force on two layers found by hand.
+"""A real hammer hit compared with a simulated one: point force on two layers found by hand.
 
 The ground was chosen from first breaks and phase speeds in a few tries; the force history is
 estimated from the four nearest geophones, the other twenty are predicted. Arguments: the
@@ -37,9 +37,9 @@ PULSE_HZ, SPEED_HZ = 15.0, np.array([10.0, 12, 15, 20, 25, 30])
 
 
 def ground(edge):
-    """Half of the ground beside the line, mirrored at it; the force at the origin.
+    """Return half of the ground, with the line as plane of symmetry and the force at the origin.
 
-    Stiffness damping is for the dry layer alone; in the fast one it would cut the time step.
+    Only the dry layer has stiffness damping; in the fast one it would shorten the time step.
     """
     mesh = structured_box(
         graded_axis((-2.0, 53.0), [0.0], edge, 15.0, 15.0),
@@ -78,7 +78,7 @@ def head_wave(offsets):
 
 
 def compared(hit, response):
-    """Put records of a hit beside the simulation, in the band and near to far."""
+    """Compare the records of a hit with the simulation, in the band, from near to far."""
     order = np.argsort(hit.offsets)
     recorded = in_band([seismograms(hit, (-0.4, 0.9))[c] for c in order])
     return recorded, with_hammer(recorded, response, NEAREST)

@@ -1,9 +1,9 @@
-"""When did each hole fire? Real hits summed over a plan with scatter, and the times found again.
+"""When did each hole fire? Real hits summed over a plan with scatter, and the times recovered.
 
 Twelve "holes" are two real hits at each of six places; what the search knows is one other hit of
-each place and the plan. Every waveform is real, the sum and its scatter are ours. A hit is compared
-with the known one of its place by their correlation, so the true time is the drawn one and that
-lag. Times are found from every other receiver; the rest, unseen, say what they explain.
+each place and the plan. Every waveform is real; the sum and its scatter are made here. A hit is
+compared with the known one of its place by correlation, so the true time is the drawn one plus that
+lag. Times are estimated from every other receiver; the unseen rest shows what they explain.
 Argument: the folder.
 """
 
@@ -32,7 +32,7 @@ def blast(hits, firing):
 
 
 def weighed(motion, weights):
-    """Make all receivers as loud."""
+    """Scale all receivers to equal strength."""
     return motion * weights[:, None]
 
 

@@ -1,8 +1,8 @@
-"""What bands and best delays are worth where no two hits are alike.
+"""How reliable bands and best delays are where no two hits are alike.
 
 Twelve "holes" are two hits at each of six places. Bands of PPV and the best delays come from one
-hit of each place and a scatter of times and strengths; the blasts that they are held against are
-summed from the other hits, with times of their own. Argument: the folder.
+hit of each place and a scatter of times and strengths; the blasts that they are compared
+with are sums of the other hits, with their own times. Argument: the folder.
 """
 
 import sys

@@ -1,4 +1,4 @@
-"""Published peaks that are called implausible, as they are and in another unit.
+"""Published peaks that are called implausible, as published and in another unit.
 
 The peaks are a published table of 50 pairs of scaled distance and PPV; its site and units are not
 stated, its law is one of mm/s and m/kg^0.5. Charges are not stated either: all are taken as 10, 100

@@ -32,7 +32,7 @@ def air(axes, shot, said):
 
 
 def layer(axes, hits, said):
-    """Draw phase speeds of both ends and the layer that one end told."""
+    """Draw phase speeds from both ends and the layer found from one end."""
     ends = (
         ((-5.0, -10.0, -20.0), "C0o", "shots from the left, fitted"),
         ((51.0, 56.0, 66.0), "C1s", "shots from the right, held out"),
@@ -52,7 +52,7 @@ def layer(axes, hits, said):
 
 
 def closure(axes, known):
-    """Draw the third specimen and what the two others foretell."""
+    """Draw the third specimen and what the other two predict."""
     *others, (u, s) = known.values()
     for x, y in others:
         label = None if axes.lines else "two specimens, fitted"

@@ -53,7 +53,7 @@ def scale_and_shift(signature, hit, channels, band):
     """Find scale and shift of a hit against the signature, in the band.
 
     The scale is the ratio of root mean squares: a regression would be too low, because the
-    signature holds noise too. Channels weigh by the inverse of their amplitude.
+    signature also contains noise. Channels are weighted by the inverse of their amplitude.
     """
     s, h = (np.array([r[c].bandpassed(*band).velocity[:, 2] for c in channels])
             for r in (signature, hit))  # fmt: skip
@@ -68,7 +68,7 @@ def scale_and_shift(signature, hit, channels, band):
 
 
 def noise_misfit(signatures, hits, truth, band):
-    """Misfit that the noise before the trigger alone would make, by channel."""
+    """Misfit that the noise before the trigger would cause by itself, by channel."""
     share = 1.0 / (NOISE[1] - NOISE[0])
     noise = [seismograms(g, NOISE) for g in (*signatures, *hits)]
     energy = [sum(share * np.nansum(n[c].bandpassed(*band).velocity ** 2) for n in noise)

@@ -1,8 +1,8 @@
-"""Whether a flipped polarity, a shifted clock, a moved coordinate of one receiver is named.
+"""Whether a flipped polarity, a shifted clock or a wrong coordinate of one receiver is named.
 
 Made from the Wellington line (30 hits from both ends): channel, kind and size are drawn by the
-keeper. Controls: untouched hits, also by halves; each tampered set put right again by what the tool
-said. From one end only, clock and place must be one class. Argument: the folder.
+keeper. Controls: untouched hits, also by halves; each altered set corrected by what the tool said.
+From one end only, clock and place must form one class. Argument: the folder.
 """
 
 from dataclasses import replace
@@ -18,7 +18,7 @@ KNOBS = {"polarity": "factor", "clock_error": "shift", "wrong_coordinates": "mov
 
 
 def tampered(shot, kind, channel, size):
-    """Tamper with a receiver: its sign, its clock, or the coordinate that is told."""
+    """Alter a receiver: its sign, its clock, or its stated coordinate."""
     n = int(np.flatnonzero(shot.channels == channel)[0])
     motion, places = shot.motion.copy(), shot.places.copy()
     if kind == "polarity":
@@ -41,7 +41,7 @@ def drawn(rng):
 
 
 def one(name, shots, kind, channel, size):
-    """Tamper, seal, ask, open, score."""
+    """Alter, seal, ask, open, score."""
     sealed = Sealed(name, {"label": kind, "channel": channel, "size": size})
     said = odd_channels([tampered(shot, kind, channel, size) for shot in shots], BAND)
     sealed.answered(said)
@@ -57,7 +57,7 @@ def one(name, shots, kind, channel, size):
 
 
 def null(name, shots):
-    """Ask where nothing was tampered with."""
+    """Ask where nothing was altered."""
     sealed = Sealed(name, {"label": None})
     said = odd_channels(shots, BAND)
     sealed.answered(said)

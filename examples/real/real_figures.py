@@ -136,7 +136,7 @@ def draw_firing_times(draws):
 
 
 def draw_plans(first, best, real, table, nominal):
-    """Bands beside real peaks, the map of the search, real blasts by both plans, coverage."""
+    """Bands against real peaks, the map of the search, real blasts by both plans, coverage."""
     figure, ((along, chart), (steps, held)) = plt.subplots(
         2, 2, figsize=(12, 8), layout="constrained"
     )

@@ -35,7 +35,7 @@ def hits_by_place(folder):
 
 
 def seismograms(gather, window=WINDOW):
-    """Return a vertical seismogram per channel, mean off, ends brought to rest by cosines.
+    """Return a vertical seismogram per channel, mean removed, ends tapered by cosines.
 
     The samples are volts, not m/s: the sensitivity is not in the files, and nothing here
     depends on it.

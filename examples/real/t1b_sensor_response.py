@@ -1,8 +1,9 @@
-"""T1b: an acoustic sensor and a laser at two places; whether the one not flat is named.
+"""T1b: an acoustic sensor and a laser at two places; whether the one that is not flat is named.
 
-Hidden: that the acoustic channel is not flat. The tool is asked twice: told that the laser is
-calibrated, and not told. Controls: the acoustic record replaced by the laser's, with a gain and
-noise; the acoustic record put right by the spectrum of the *other* place. Argument: the folder.
+Hidden: that the acoustic channel is not flat. The tool is asked twice, with and without being
+given that the laser is calibrated. Controls: the acoustic record replaced by the laser's, with a
+gain and noise; the acoustic record corrected by the spectrum of the *other* place.
+Argument: the folder.
 """
 
 import numpy as np

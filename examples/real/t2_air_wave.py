@@ -1,4 +1,4 @@
-"""T2: a baseline of solid ground only; whether the air wave is named.
+"""T2: a reference model of solid ground only; whether the air wave is named.
 
 The tool gets shots and the usable band. Truth: the published speed for each site; arrivals picked
 by the keeper, as the largest envelope within 15 % of 345 m/s. Controls: the same shots below the
@@ -36,13 +36,13 @@ def picked(shots, band):
 
 
 def sheared(shot):
-    """Shift each receiver so that the air wave crosses the line at a speed that air has not."""
+    """Shift each receiver so that the air wave crosses the line at a speed impossible in air."""
     late = shot.offsets * (1.0 / SHEARED - 1.0 / AIR)
     return replace(shot, motion=shifted(shot.motion, late, shot.dt))
 
 
 def before_trigger(shot):
-    """Keep the noise before the trigger, as if it had begun at time 0."""
+    """Return the noise before the trigger as if it began at time 0."""
     n = int(np.count_nonzero(shot.times < -0.02))
     return replace(shot, motion=shot.motion[:, :n], start=0.0)
 

@@ -1,9 +1,9 @@
 """T3: twelve "holes" from real hits; whether scatter of the firing times is named.
 
-Every waveform is real, the sum is ours: two unused hits at each of six places, 42 or 17 ms
-apart; the tool knows the first hit of each place and the plan. Drawn and hidden: times, or scales,
-or one t*, or a delay and gain of each receiver. Controls: the plan kept, by other hits (whose
-triggers really differ) and by the very hits that the tool knows, with drawn noise.
+Every waveform is real, only the sum is made here: two unused hits at each of six places, 42 or
+17 ms apart; the tool knows the first hit of each place and the plan. Drawn and hidden: times, or
+scales, or one t*, or a delay and gain of each receiver. Controls: the plan kept, by other hits
+(whose triggers really differ) and by the very hits that the tool knows, with drawn noise.
 Argument: the folder.
 """
 

@@ -1,4 +1,4 @@
-"""T4: a half-space baseline; whether a soft layer is named, and its Vs.
+"""T4: a half-space as reference model; whether a soft layer is named, and its Vs.
 
 The tool sees the hits from one end and the line's coordinates; those from the other end are
 held out. Truth: phase speeds of the held hits, picked by the keeper from phases between neighbours
@@ -20,7 +20,7 @@ FREQUENCIES = np.geomspace(*BAND, 14)
 
 
 def by_differences(shots):
-    """Return phase speeds from the mean phase turn between geophones 3 apart, all hits."""
+    """Return phase speeds from the mean phase difference between geophones 3 apart, all hits."""
     turns = 0.0
     for shot in shots:
         order = np.argsort(shot.offsets)

@@ -1,7 +1,7 @@
 """T5: raw files of Soda Lakes; whether clipped samples and dead channels are found.
 
 Truth: counted by the keeper with obspy, from what the source says (2.82 is full scale; channels 47,
-58, 59 are dead). Made as well: quiet shots clipped at a drawn level, drawn channels silenced.
+58, 59 are dead). Also made: quiet shots clipped at a drawn level, and drawn channels silenced.
 Controls: untouched shots of two other lines. Argument: the folder.
 """
 

@@ -1,6 +1,6 @@
-"""T7: three fractures in a press; whether the law of closure is named.
+"""T7: three fractures in a press; whether the closure law is named.
 
-Hidden from the tool: that closure is nonlinear (its baseline is a line) and one specimen in turn.
+Hidden from the tool: that closure is nonlinear (its reference is a line), and one specimen in turn.
 Control: the same closures with stress put back on each specimen's own line, with the same scatter
 beside the hyperbola. Argument: the folder.
 """

@@ -1,4 +1,4 @@
-"""Write a folder of monitoring: log, stations and records of a quarry, invented with a seed.
+"""Write a monitoring folder: log, stations and records of a quarry, simulated with a seed.
 
     python examples/site/make.py [FOLDER]
 

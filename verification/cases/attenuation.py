@@ -81,7 +81,8 @@ def worst(quantity, expected, measured):
     order=1.8,
     ordered=tuple(f"decay of {wave} against the body" for wave in SPEED),
     quick=True,
-    note="edges are counted at the top of the band, where ten of them change the decay by 5 %",
+    note="Edges are counted at the top of the band, where ten per wavelength change the decay by "
+    "5 %",
 )
 def constant_q(n):
     """Measure Q and phase speed between two places of a column, over a decade."""

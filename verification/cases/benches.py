@@ -35,8 +35,8 @@ DIP = np.radians(60.0)
     unit="edges per height of the bench",
     order=1.5,
     ordered=("motion of the crest",),
-    note="A Gaussian pulse of displacement, 40 m long at 1/e, comes up to a face of 100 m. Motion: "
-    "L2 norm of the difference of velocities, up to the wave that the top sends back; "
+    note="A Gaussian pulse of displacement, 40 m long at 1/e, rises to a face of 100 m. Motion: "
+    "L2 norm of the difference of velocities, until the reflection from the top; "
     "amplification: largest velocity over that of the incident wave. The facets of the fault are "
     "those of a second mesh, in degrees.",
 )

@@ -106,8 +106,8 @@ def sliding():
         "growth at 1.02 of the joint's limit": 0.5,
     },
     quick=True,
-    note="Growth is 0 or 1; the joint is made so stiff that it rules the step. The limit is 2/w, "
-    "w2 the sum of that of the joint and of the zones' largest.",
+    note="Growth is 0 or 1; the joint is made so stiff that it governs the time step. The limit "
+        "is 2/w, with w2 the sum of the joint's and the largest of the zones.",
 )  # fmt: skip
 def swinging():
     """Let a block swing on shear and on normal springs; drive a stiff joint beyond its limit."""

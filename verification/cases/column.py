@@ -61,9 +61,10 @@ def sent(n):
     order=1.8,
     quick=True,
     note="Far field, in an unbounded ground, of the forces that the column exerts on its mesh, "
-    "at the frequency whose S wave is as long as the column; L2 norm over 37 angles and 3 "
+    "at the frequency whose S wavelength equals the length of the column; L2 norm over 37 angles "
+    "and 3 "
     "azimuths. What remains is the spread of each point over about an edge: P meets 2 % on 10 "
-    "edges, SV from 17.5 on. How the mesh carries waves on is case 17",
+    "edges, SV from 17.5 on. Propagation through the mesh is case 17",
 )
 def column_radiation(n):
     """Compare the far field of the forces with the closed form, by angle from the detonation."""

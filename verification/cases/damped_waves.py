@@ -54,7 +54,7 @@ def decay(wave, halves, damping):
         "growth at 1.02 of the limit": 0.5,
     },
     quick=True,
-    note="The limit is that of the largest frequency of a small box, found from its forces: "
+    note="The limit is that for the largest frequency of a small box, found from its forces: "
     "(2/w)(sqrt(1 + x2) - x), x = beta w/2. Growth is 0 or 1.",
 )
 def rayleigh():

@@ -77,8 +77,9 @@ def shaken(n, wave, ground, width):
     meshes=(8.0, 12.0, 18.0),
     unit="edges over the layer (twice as many per S wavelength in it)",
     order=0.9,
-    note="Norm of the difference of all components on the side, at the ground and at the foot of "
-    "the layer; the model is as wide as 1.5 layers. Attenuating: Qs 10 and 30, Qp twice that.",
+    note="Norm of the difference of all components on the side, at the surface and at the base of "
+    "the layer; the model is as wide as 1.5 layers. Attenuating: Qs 10 and 30, Qp twice "
+    "that.",
 )
 def sides_follow_columns(n):
     """Compare the motion of the sides with that of a column."""

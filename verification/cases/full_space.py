@@ -99,10 +99,11 @@ def transform(times, values, frequencies):
     order=1.8,
     ordered=("speed, explosion", "speed, force", "band, explosion", "band, force"),
     quick=True,
-    note="amplitude and speed at the dominant frequency; band: L2 norm of the difference over that "
-    "of the closed form, from 0.3 to 1.0 of the dominant frequency, phase and amplitude together "
-    "after three wavelengths, met at 22.5; the amplitude of the explosion from 15 on. That of the "
-    "force stays 1 to 1.5 % low on the finer meshes, the window and the sides account for 0.5 %",
+    note="Amplitude and speed at the dominant frequency; band: L2 norm of the difference over "
+    "that of the closed form, from 0.3 to 1.0 of the dominant frequency, phase and amplitude "
+    "together after three wavelengths, met at 22.5 edges; the amplitude of the explosion is "
+    "met from 15 on. That of the force stays 1 to 1.5 % low on the finer meshes, of which "
+    "the window and the sides account for 0.5 %",
 )
 def point_sources(per_wavelength, quadratic=False):
     """Compare with the closed forms at three wavelengths."""
@@ -137,9 +138,9 @@ def point_sources(per_wavelength, quadratic=False):
     meshes=(3.0, 4.0, 6.0),
     order=2.8,
     ordered=tuple(f"band, {name}" for name in SOURCES),
-    note="quantities and tolerances of case 17, which needs 22.5 edges for them on zones of "
-    "constant strain; four do here but for the amplitude of the explosion. Speeds are that good on "
-    "every mesh, with errors of both signs: no order.",
+    note="Quantities and tolerances of case 17, which needs 22.5 edges for them on zones of "
+    "constant strain; here four suffice except for the amplitude of the explosion. Speeds "
+    "meet theirs on every mesh, with errors of both signs: no order.",
 )
 def quadratic_point_sources(per_wavelength):
     """Compare with the closed forms at three wavelengths."""
@@ -168,9 +169,9 @@ def cavity_radii(n_edges):
     unit="edges on a quarter circumference",
     order=1.8,
     quick=True,
-    note="an eighth of the cavity; L2 norm of the difference over that of the closed form, radial "
-    "velocity averaged over six directions; at single ones it is up to twice that, where three "
-    "planes of symmetry make the mesh irregular",
+    note="One eighth of the cavity; L2 norm of the difference over that of the closed form, "
+    "radial velocity averaged over six directions; in single directions it is up to twice "
+    "that, where three planes of symmetry make the mesh irregular",
 )
 def spherical_cavity(n_edges):
     """Press on the wall with a bell of pressure that excites the cavity's own motion."""

@@ -40,7 +40,7 @@ class Along:
     unit="edges per wavelength at the slow end",
     order=1.8,
     ordered=("delay",),
-    note="S, speed falling to 0.6 over six wavelengths; the amplitude is that of rays.",
+    note="S wave, speed falling to 0.6 over six wavelengths; the amplitude is that of ray theory.",
 )
 def gradient(n):
     """Send a pulse up a column that grows softer."""

@@ -79,10 +79,10 @@ def compared(n, places, sources_of, wanted_of, what):
     ordered=tuple(f"motion, {r:g} wavelengths" for r in (1, 2)),
     note="Along and down: largest difference over the largest velocity there; motion: norm of "
     "the difference over that of the motion. 15 edges meet 12 %. The order is 1.7 up to 20 edges "
-    "at one wavelength and rises to 2.0 at 45. The force is the integral of a Ricker pulse, for a "
-    "motion of the frequency that is counted. Receivers are on nodes at every mesh: between them "
-    "they read every other node, which at 22.5 edges cost 0.6 %, and the order. Cubes of five "
-    "tetrahedra; of six they give 29 %, order one.",
+    "at one wavelength and rises to 2.0 at 45. The force is the integral of a Ricker pulse, so "
+    "that the motion has the frequency for which edges are counted. Receivers are on nodes of "
+    "every mesh: between nodes they read every other node, which at 22.5 edges cost 0.6 %, and "
+    "the order. Cubes of five tetrahedra; cubes of six give 29 %, order one.",
 )
 def lamb(n):
     """Push on the surface along a line."""
@@ -107,7 +107,8 @@ def lamb(n):
     meshes=(10.0, 15.0, 22.5),
     unit="edges per S wavelength",
     order=1.8,
-    note="Half a wavelength deep; norm of the difference over that of the motion. At 22.5 edges "
+    note="Source half a wavelength deep; norm of the difference over that of the motion. At 22.5 "
+    "edges "
     "one receiver and the source lie between nodes; on nodes the error differs by 0.03 %.",
 )
 def garvin(n):
@@ -190,7 +191,8 @@ def swinging(n, kind, stiffness):
     meshes=(36.0, 54.0, 80.0),
     unit="edges per wavelength of the bound wave",
     order=1.8,
-    note="0.6 % at 12 edges, where errors of both signs still cancel; the order shows from 36 on. "
+    note="0.6 % at 12 edges, where errors of opposite sign still cancel; the order appears from "
+    "36 on. "
     "A standing Rayleigh wave between planes of symmetry, 3 wavelengths deep.",
 )
 def rayleigh(n):

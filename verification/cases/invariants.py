@@ -76,8 +76,9 @@ def shaken(law="coulomb", turn=None, sources=(), amplitude=0.2):
                "slip and opening": 0.01, "slip by strength times slip": 0.01,
                "work of slip": 0.01},
     quick=True,
-    note="What a contact loses is by definition the work of its mean traction less what it stores, "
-    "so slip and opening close to rounding. Slip by strength times slip closes the balance with "
+    note="The loss at a contact is by definition the work of its mean traction less what it "
+        "stores, so slip and opening balance to rounding. Slip by strength times slip closes the "
+        "balance with "
     "what cohesion alone takes along the path of all contacts, which no energy enters.",
 )  # fmt: skip
 def ledger():
@@ -117,8 +118,8 @@ def ledger():
     gate="R",
     tolerance={"force of a rigid motion": 1e-12, "patch test": 1e-12, "turned model": 1e-9},
     quick=True,
-    note="Forces over the largest corner force of a strain as large. The turned model slips; what "
-    "is left is rounding that slip amplifies.",
+    note="Forces over the largest corner force of an equally large strain. The turned model "
+    "slips; what is left is rounding amplified by slip.",
 )
 def patch():
     """Move a crooked mesh rigidly and linearly; turn a shaken model."""

@@ -101,8 +101,8 @@ def zone_bits_lost(name):
         "bits lost by a restart, zones": 0.0,
     },
     quick=True,
-    note="The worst of all laws of joints and zones, of four random paths and, for energy, of "
-    "three pressures; stiffness: of the laws that begin linear.",
+    note="The worst over all laws of joints and zones, over four random paths and, for energy, "
+    "three pressures; stiffness: over the laws that begin linearly.",
 )
 def laws():
     """Lead a contact or a zone of each law through the same paths."""

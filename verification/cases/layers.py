@@ -90,7 +90,8 @@ def summit(gain, near):
     unit="edges over the layer (4/3 as many per wavelength at the second peak)",
     order=1.8,
     quick=True,
-    note="damped: 5 % at the first peak, by mass; the second frequency meets 1 % from 12 edges on",
+    note="Damped: 5 % at the first peak, proportional to mass; the second frequency meets 1 % "
+    "from 12 edges on",
 )
 def layered_column(n_edges):
     """Find the first two peaks of the gain of a soft layer."""
@@ -185,7 +186,7 @@ def envelope_and_phase(wanted, found):
     meshes=(4.0, 6.0, 9.0),
     unit="edges over the layer (2.5 as many per S wavelength in the layer at 0.8 Hz)",
     order=1.8,
-    note="source filtered to a dominant frequency of 0.8 Hz; Qp 110 and 140 in place of 120 and "
+    note="Source filtered to a dominant frequency of 0.8 Hz; Qp 110 and 140 instead of 120 and "
     "155.9, at which bulk Q is infinite; misfits of Kristekova et al. (2006) in time",
 )
 def layer_over_half_space(n_edges):

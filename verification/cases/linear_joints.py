@@ -38,8 +38,8 @@ def passed(wave, n, planes, stiffness, far):
     order=1.8,
     ordered=tuple(f"|T| at k/zw {s:g}, {wave}" for wave in SPEED for s in SOFTNESS[:2]),
     quick=True,
-    note="The error is that of the discrete impedance; 10 edges miss 1 %, 15 meet it. At k/zw 1 it "
-    "is so small that the reflection of the viscous ends counts as much: no order.",
+    note="The error is that of the discrete impedance; 10 edges miss 1 %, 15 meet it. At k/zw 1 "
+    "it is no larger than the reflection from the viscous ends: no order.",
 )
 def one_joint(n):
     """Measure transmission and delay of one joint at three stiffnesses."""
@@ -69,7 +69,7 @@ def one_joint(n):
     order=1.8,
     ordered=("|T| behind 4 joints, 5 to 15 Hz",),
     note="P, joints a quarter of a wavelength of 20 Hz apart, k/zw 1; largest error below the stop "
-    "band. The long-wave speed follows from the delay at 5 Hz, by the exact phase.",
+    "band. The long-wave speed follows from the delay at 5 Hz, with the exact phase.",
 )
 def parallel_joints(n):
     """Measure what passes four joints."""

@@ -75,7 +75,7 @@ def turned(found, wanted):
                "energy of noise beside a joint": 1e-11},
     quick=True,
     note="Tetrahedra against the formula of the discrete column, largest difference over its "
-    "amplitude; hexahedra of order 5, 12 of them, against a rock that has no zones: amplitude and "
+    "amplitude; 12 hexahedra of order 5 against the continuum: amplitude and "
     "phase in rad over the last 500 steps, after a thousand periods.",
 )  # fmt: skip
 def long_runs():

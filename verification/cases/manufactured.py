@@ -47,8 +47,8 @@ def made_up(points):
     order=1.8,
     ordered={"displacement": 1.8, "strain": 0.9},
     quick=True,
-    note="L2 norms at the end of one period and a quarter. The strain is that of zones at their "
-    "centres, of order one.",
+    note="L2 norms after one and a quarter periods. The strain is that of zones at their centres, "
+    "of order one.",
 )
 def manufactured(n):
     """March a made-up motion and compare displacement and strain."""

@@ -119,7 +119,7 @@ def driven_alone(kind):
     ordered=tuple(f"T of a {kind} fill, {wave}" for kind in (*FILLS, "thick") for wave in SPEED),
     quick=True,
     note="T is complex, over the band of 5 to 25 Hz. The layer itself, at a phase of 0.3, differs "
-    "from a spring with mass by up to 3 %, which no mesh removes.",
+    "from a spring with mass by up to 3 %, whatever the mesh.",
 )
 def fills(n):
     """Measure what passes joints with fills."""
@@ -188,8 +188,9 @@ def slipping(n, joint):
     meshes=(10.0, 20.0, 40.0),
     order=0.9,
     ordered=tuple(f"T at strength {share:g}" for share in SHARES[2:]),
-    note="2 % of T from 20 edges on down to half the stress, from 40 on at a tenth. Above half the "
-    "stress T is within 1.1 % on every mesh: no order. The plane's spring, 0.02 of the impedance, "
+    note="T is good to 2 % from 20 edges on for strengths down to half the stress, from 40 on for "
+    "a tenth. Above half the stress T is within 1.1 % on every mesh: no order. The plane's "
+    "spring, 0.02 of the impedance, "
     "adds 2 % to the small R at 0.9.",
 )
 def friction(n):
@@ -247,8 +248,9 @@ def closing(n, gamma, law="closure", pressed=0.0, **walls):
         *(f"{what}, amplitude {g:g}" for what in (*TONES, "peak") for g in GAMMAS[:2]),
         "T at the dominant frequency, amplitude 2",
     ),
-    note="Amplitude is z v/(k Vm). 20 edges meet 3 % of T, 40 meet 0.8 %. A push that begins with "
-    "a kink rings on the mesh: its peak needs 40 edges, at the largest amplitude 80. At twice the "
+    note="Amplitude is z v/(k Vm). 20 edges meet 3 % in T, 40 meet 0.8 %. A pulse that begins "
+    "with a kink rings on the mesh: its peak needs 40 edges, 80 at the largest amplitude. At "
+    "twice the "
     "frequency the largest amplitude is within 0.6 % on every mesh: no order.",
 )
 def closure(n):

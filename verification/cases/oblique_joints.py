@@ -134,8 +134,9 @@ def wanted(slab):
     order=1.8,
     ordered=tuple(f"{what} {a:g} deg" for a in ANGLES
                   for what in ("T, SH", "across, P-SV", "along, P-SV")),
-    note="Complex, over the band of the pulse; behind the joint P and SV come together. Edges are "
-    "those of the incident wave: SV behind a joint under P has half as many, and 15 meet 5 %.",
+    note="Complex amplitudes over the band of the pulse; behind the joint P and SV arrive "
+        "together. Edges are per wavelength of the incident wave: SV from an incident P wave has "
+        "half as many, and 15 meet 5 %.",
 )  # fmt: skip
 def oblique_joint(n):
     """Measure what passes a joint at two angles."""

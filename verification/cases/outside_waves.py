@@ -104,9 +104,9 @@ def one_blind_face(n, wave):
     order=0.9,
     ordered=tuple(f"{wave} at {angle:g} deg" for wave, angle in GROUND),
     note="Largest energy of motion that the half space would not have, over the largest that it "
-    "has: 0 where all faces see the wave; where the face through which it leaves does not, at most "
-    "the share of case 12, errors counting above that. On coarse meshes most of it is the lag of "
-    "waves inside.",
+    "has: 0 where all faces receive the wave as input; where the face through which it leaves "
+    "does not, at most the share of case 12, and only the excess counts as error. On coarse "
+    "meshes most of it is the lag of waves inside.",
 )
 def plane_waves_from_outside(n):
     """Send pulses through blocks and subtract what a half space would do."""
@@ -162,8 +162,8 @@ def tilted_ground(n, wave):
     unit="edges per S wavelength",
     order=1.8,
     note="Gain of both components of the ground from half to one and a half times the dominant "
-    "frequency, norm of the difference; P, SV and SH run straight up, so they meet ground that "
-    "dips by 20 deg as they would meet level ground at 20 deg.",
+    "frequency, norm of the difference; P, SV and SH travel vertically upwards, so they meet "
+    "ground dipping 20 deg as they would meet level ground at 20 deg.",
 )
 def tilted_half_space(n):
     """Compare the gain of dipping ground with that of level ground under inclined waves."""

@@ -71,8 +71,9 @@ def standing(wave, n, count=STEPS):
     order=1.9,
     ordered=("speed, P", "speed, S"),
     quick=True,
-    note="The speed is that of the frequency fitted to the run. 0.9 % at 10 edges is "
-    "for a Courant number of 0.7; tetrahedra allow half of that, so 15 edges meet it.",
+    note="The speed follows from the frequency fitted to the run. 0.9 % at 10 edges holds for a "
+    "Courant number of 0.7; tetrahedra allow half of that, so 15 edges are needed to meet "
+    "it.",
 )
 def columns(n):
     """Follow a standing wave by the formula of the discrete column."""
@@ -152,8 +153,9 @@ def forces(constants, displacement):
     meshes=(10.0, 15.0, 22.5),
     order=1.9,
     quick=True,
-    note="Largest error of speed over ten directions on an endless lattice of cubes; that of time, "
-    "of the other sign, is left out. 10 edges meet the ranges in the plane, 15 along diagonals.",
+    note="Largest error of speed over ten directions on an infinite lattice of cubes; that of "
+        "time stepping, of opposite sign, is left out. 10 edges meet the tolerances in the "
+        "plane, 15 along diagonals.",
 )  # fmt: skip
 def block(n):
     """Find the largest errors of speed over directions on two lattices."""
@@ -219,7 +221,7 @@ def stress_input(n):
     meshes=(10.0, 15.0, 22.0),
     order=1.8,
     quick=True,
-    note="The incident wave is that of the same mesh without an end.",
+    note="The incident wave is taken from the same mesh without an end.",
 )
 def ends(n):
     """Compare a column that ends with one that does not."""

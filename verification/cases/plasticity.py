@@ -236,11 +236,11 @@ def pressed(fineness, *, patches, settlement=0.15, crossings=20.0):
     meshes=(4, 6, 9),
     unit="cells per e-fold of distance + 0.4 half widths from the edge",
     order=0.9,
-    note="The motion of the strip falls to nothing over the cell beside it, of 0.11, 0.07 and 0.05 "
-    "half widths; half of it counts as width, without which the pressure is 10, 7 and 5 % too "
-    "high, of first order by that alone. Even cells of 1/6 to 1/14 give 1.1 to 0.8 % too much, "
-    "which falls with order 0.3 only: well within the tolerance, but no study. Single zones "
-    "lock: their pressure rises without end.",
+    note="The motion of the strip falls to zero over the cell beside it, of 0.11, 0.07 and 0.05 "
+    "half widths; half of that cell counts as width, without which the pressure is 10, 7 and "
+    "5 % too high, a first-order error by itself. Uniform cells of 1/6 to 1/14 give 1.1 to "
+    "0.8 % too much, which falls with order 0.3 only: well within the tolerance, but no "
+    "convergence study. Single zones lock: their pressure rises without limit.",
 )
 def strip_footing(fineness):
     """Bearing pressure with patches, and without them to show that single zones lock."""

@@ -98,7 +98,7 @@ def measured(wave, angle, n):
     order=0.9,
     ordered=("P at 0 deg", "SV at 45 deg"),
     note="Shares of the energy of a packet of 2.4 wavelengths, Poisson's ratio 0.25. At the other "
-    "angles the packet's spread of angles counts as much as the mesh.",
+    "angles the packet's angular spread matters as much as the mesh.",
 )
 def against_angle(n):
     """Send packets at a viscous face and count what is left of their energy."""

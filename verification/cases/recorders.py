@@ -27,8 +27,8 @@ SEED, DRAWS = 20, 4000
     gate="C",
     tolerance={"largest difference in standard errors": 3.0, "mean difference": 0.02},
     quick=True,
-    note="4000 blasts of 12 holes that the program draws around a plan, times by 1.5 ms and 1 % of "
-    "the delay, strengths by 20 %; 60 frequencies to 120 Hz.",
+    note="4000 blasts of 12 holes drawn by the program around a plan, with a scatter of times by "
+    "1.5 ms and 1 % of the delay and of strengths by 20 %; 60 frequencies to 120 Hz.",
 )
 def firing_scatter():
     """Let the program draw blasts and compare their mean spectrum with its expectation."""
@@ -64,7 +64,7 @@ def firing_scatter():
     gate="C",
     tolerance={"superposed pulses": 1e-6, "load between two steps": 1e-9},
     quick=True,
-    note="Three holes at 0, 12.34 and 30.57 samples; the load is one on a free block, 3.4 steps "
+    note="Three holes at 0, 12.34 and 30.57 samples; the load acts on a free block, 3.4 steps "
     "late.",
 )
 def fractional_delays():
@@ -122,8 +122,8 @@ def pushed_late(delay):
     tolerance={"geophone": 1e-10, "coupling": 1e-10, "clock": 1e-10, "rotation": 1e-10,
                "gain and polarity": 1e-10},
     quick=True,
-    note="The effects on an instrument that a diagnosis tries. Spectra over those of the motion, "
-    "where the motion has more than a thousandth of its peak; the pulse ends well inside the "
+    note="The instrument effects that a diagnosis tries. Spectra over those of the motion, where "
+        "the motion exceeds a thousandth of its peak; the pulse ends well inside the "
     "record.",
 )  # fmt: skip
 def operators():

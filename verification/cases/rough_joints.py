@@ -88,7 +88,7 @@ def cycle_sizes(times, motion):
         "size of each cycle behind walls that dilate and wear",
     ),
     note="JRC 10, JCS 50 MPa, 30 degrees: the three pressures cap a wave of 5 MPa at 0.21, 0.39 "
-    "and 0.69 of it, with a normal spring so soft that dilation does not press; the last joint, "
+    "and 0.69 of it, with a normal spring so soft that dilation adds no pressure; the last joint, "
     "held, grows from 0.5 to 0.9 of its wave by dilation while its roughness wears. 20 edges meet "
     "the push, 40 the wave under 1 MPa; under 2 and 4 MPa T is within 1.2 % on every mesh: no "
     "order.",

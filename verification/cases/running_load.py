@@ -91,12 +91,13 @@ def load(times):
     order=1.8,
     ordered=tuple(f"motion, {name}" for name in GROUNDS),
     quick=True,
-    note="v/p: where the load is, the worst of five frequencies from 0.6 to 1.4 of the dominant, "
-    "against the steady state; what the load sent out where it began is still 1 % of it. Motion: "
-    "L2 norm of the difference over that of the motion, the beginning included, by discrete wave "
-    "numbers. Slower than S waves the ground answers through a small difference: v/p needs 22.5 "
-    "edges there at its highest frequency (16 to its own length), 10 where the load is faster. The "
-    "hats of the nodes (5.13) take (k h)^2/12 from the load, 6 % at that frequency on 10 edges",
+    note="v/p: at the load, the worst of five frequencies from 0.6 to 1.4 of the dominant, "
+    "against the steady state; waves from where the load began are still 1 % of it. Motion: "
+    "L2 norm of the difference over that of the motion, including the beginning, by discrete "
+    "wavenumbers. Under a load slower than S waves the response is a small difference: v/p "
+    "needs 22.5 edges there at its highest frequency (16 to its own length), 10 where the "
+    "load is faster. The hat functions of the nodes (5.13) take (k h)^2/12 from the load, 6 "
+    "% at that frequency on 10 edges",
 )
 def air_blast(n):
     """Compare the velocity into the ground under the load with the steady state and in full."""

@@ -119,9 +119,10 @@ def crossing(times, slip):
     meshes=tuple(COHESIVE / edge for edge in (300.0, 200.0, 400.0 / 3.0)),
     unit="edges over the cohesive zone of mode III",
     order=0.9,
-    note="rms over the fault beyond the nucleus, over the mean; when slip reaches a tenth of the "
-    "weakening slip; a quarter of the ground, mirrored; met from 3.1 edges on. The independent "
-    "solution, in cells of 100 m, moves by 0.3 % from cells of 150 m. TPV5 is not run: see Not "
+    note="rms over the fault outside the nucleus, over the mean; the time is when slip reaches a "
+    "tenth of the weakening slip; a quarter of the ground, by symmetry; met from 3.1 edges "
+    "on. The independent solution, in cells of 100 m, differs by 0.3 % from that in cells of "
+    "150 m. TPV5 is not run: see Not "
     "verified",
 )
 def rupture_of_a_fault(per_zone):

@@ -64,11 +64,12 @@ def explosion_beside(n):
     unit="edges per S wavelength",
     order=0.9,
     quick=True,
-    note="L2 norm of the difference over that of the slip. Two wavelengths along need 22.5 edges "
-    "(the mesh slows what runs along the plane), one needs 15, half 10. Coulomb without friction "
-    "or cohesion under 100 MPa: no shear is carried and ks is idle; kn of 20 shear moduli over the "
-    "edge hands normal motion on, 2 to 80 change the error by a twelfth. The sphere of the source, "
-    "of one edge, is cut off at both sides, half an edge away",
+    note="L2 norm of the difference over that of the slip. Two wavelengths along the plane need "
+    "22.5 edges (the mesh slows waves along the plane), one needs 15, half a wavelength 10. "
+    "Coulomb law without friction or cohesion under 100 MPa: no shear is carried and ks has "
+    "no effect; kn of 20 shear moduli over the edge transmits normal motion, 2 to 80 change "
+    "the error by a twelfth. The source sphere, of one edge, is cut off at both sides, half "
+    "an edge away",
 )
 def slipping_plane(n):
     """Compare the slip of the plane along it."""

@@ -52,8 +52,8 @@ def dilation():
     gate="C",
     tolerance={"acceleration after the peak": 0.005, "velocity below the peak": 0.02},
     quick=True,
-    note="Below the peak strength the block must not move on; what it does is over the velocity "
-    "that the same push gives a free block.",
+    note="Below the peak strength the block must not keep moving; its velocity is over that which "
+    "the same push gives a free block.",
 )
 def residual():
     """Push a block a little less and a little more than its peak strength allows."""
@@ -114,8 +114,8 @@ def tension():
     gate="C",
     tolerance={"angle of roughness": 5e-3},
     quick=True,
-    note="One contact led far at a constant gap beyond its dilation; the angle follows from the "
-    "tractions and is compared with the table, and between its entries in log slip.",
+    note="One contact sheared far at a constant gap beyond its dilation; the angle follows from "
+    "the tractions and is compared with the table, interpolated in log slip.",
 )
 def wear():
     """Slide rough walls to a hundred times their peak slip and read their angle."""
@@ -148,7 +148,8 @@ def wear():
         "closure left": 1e-3,
     },
     quick=True,
-    note="A fresh joint closed to 0.6 of its largest closure and opened again, 30 % left behind.",
+    note="A fresh joint closed to 0.6 of its largest closure and opened again, with 30 % left "
+    "behind.",
 )
 def closure():
     """Close and open a fresh joint; compare what it takes and keeps with the two hyperbolas."""

@@ -92,10 +92,11 @@ def exploded(radius, per_radius):
     order=0.9,
     ordered=tuple(f"{what}, charge {r**3:g}" for what in ("corner", "moment") for r in RADII),
     quick=True,
-    note="charge as the cube of the cavity: all cavities begin at shells of one mesh, the ground "
-    "yields up to 2.4 radii under 4 times its cohesion. Corner: where the spectrum of the far "
-    "field is half of its low end, which is the moment. Similarity needs the hole to grow with the "
-    "charge: in the same hole under twice the pressure the ground yields 3 times as far, but the "
+    note="Charge as the cube of the cavity radius: all cavities begin at shells of one mesh, the "
+    "ground yields out to 2.4 radii under 4 times its cohesion. Corner: where the far-field "
+    "spectrum is half of its low-frequency level, which is the moment. Similarity requires "
+    "the hole to grow with the charge: in the same hole under twice the pressure the ground "
+    "yields 3 times as far, but the "
     "corner falls to 0.18, as the -3/2 power of that radius",
 )
 def yielding_source(per_radius):

@@ -70,10 +70,10 @@ def page(rows: Rows, version: str | None, answers: Rows) -> str:
         _targets(answers, _unseen(rows, version, answers)), *_all_versions(rows),
     ]  # fmt: skip
     if answers and version != program():
-        parts.append("The program has changed since; its present version has answered fewer cases.")
+        parts.append("The program has changed since; the present version has answered fewer cases.")
     changed = changed_thresholds()
     if changed:
-        parts.append(f"Thresholds changed since they were registered: {'; '.join(changed)}.")
+        parts.append(f"Thresholds changed since registration: {'; '.join(changed)}.")
     if answers:
         own = in_library_words(answers)
         parts += [
@@ -158,7 +158,7 @@ def _all_versions(rows):
         cells = map(_count, (told["alarms"], [not each for each in told["right names"]], single))
         date = min(row["date"] for row in own.values())
         lines.append(f"| `{version}` | {date} | {len(own)} | {' | '.join(cells)} |")
-    return ["Each version answers once; what its wrong answers taught is in the next:",
+    return ["Each version answers once; the next one includes what its wrong answers taught:",
             "\n".join(lines)]  # fmt: skip
 
 
@@ -189,7 +189,7 @@ def _targets(answers, unseen):
         of = f" of {target.least} needed" if hits and len(hits) < target.least else ""
         lines.append(f"| {target.words} | {target.sign} {percent(target.share)} | {cells}{of} "
                      f"| {verdict} | {_count(blind[target.name])} |")  # fmt: skip
-    lines += ["", "Unseen are cases whose truth the authors did not know and which no other "
+    lines += ["", "Unseen cases are those whose truth the authors did not know and which no other "
               f"version has answered: {len(unseen)} of {len(answers)}."]  # fmt: skip
     return "\n".join(lines)
 
@@ -199,8 +199,9 @@ def _power(rows):
     edges = [f"{100 * low:g} to {100 * high:g} %" if np.isfinite(high) else f"over {100 * low:g} %"
              for low, high in pairwise(ENERGIES)]  # fmt: skip
     words = (
-        "Single effects named, and nothing else, by the energy that they change, of the record "
-        "that changes most on drawn sites, elsewhere the mean of the records that change:"
+        "Single effects named, and nothing else, by the share of energy that they change: on "
+        "drawn sites of the record that changes most, elsewhere the mean of the records that "
+        "change:"
     )
     return _classes(words, edges, power(rows))
 
@@ -210,8 +211,8 @@ def _detected(rows):
     edges = [f"{low:g} to {high:g}" if np.isfinite(high) else f"over {low:g}"
              for low, high in pairwise(LENGTHS)]  # fmt: skip
     words = (
-        "Those of drawn sites by d′, the size of the effect in standard deviations of noise and of "
-        "this version's model error, less what calibration takes of it:"
+        "Single effects on drawn sites by d′, the size of the effect in standard deviations of "
+        "noise and of this version's model error, after removal of what calibration can absorb:"
     )
     return _classes(words, edges, power(rows, "length", LENGTHS))
 
@@ -246,9 +247,9 @@ def _predicted(answers):
     models = {"before": "calibrated", "after": "as answered", "second": "second best effect",
               "right": "right effect, fitted"}  # fmt: skip
     words = (
-        "Share of the energy that is explained, where there is an effect and effects are named; "
-        "real hits that a model explains less than before are PARTIAL, and not here. The second "
-        "best effect is the other one of most evidence, fitted likewise."
+        "Share of the energy explained, for cases with an effect whose answer names effects; "
+        "real hits that a model explains less than before are PARTIAL, and not listed. The "
+        "second-best effect is the one of the others with the most evidence, fitted likewise."
     )
     lines = [f"| case | answer | {' | '.join(models.values())} |", "|---" * (len(models) + 2) + "|"]
     told = {name: row for name, row in answers.items() if row in with_gains([row])}
@@ -272,8 +273,8 @@ def _numbers(rows):
         inside = f"{share} ({low} to {high}) of {len(covered)}"
     placed = [hit for row in rows for hit in row.get("placed", ())]
     lines = ["| | |", "|---|---|",
-             f"| right names at the right receiver, blast, joint or plane | {_count(placed)} |",
-             f"| error of place, median | {_median(metres, '.1f', ' m')} |"]  # fmt: skip
+             f"| right names with the right receiver, blast, joint or plane | {_count(placed)} |",
+             f"| location error, median | {_median(metres, '.1f', ' m')} |"]  # fmt: skip
     lines.append(f"| parameters inside their 90 % intervals | {inside} |")
     lines.append(f"| processor time per case, median | {_median(seconds, '.0f', ' s')} |")
     return "\n".join(lines)

@@ -20,66 +20,68 @@ from .scores import TARGETS, percent
 FILE = Path(__file__).with_name("registered.json")
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "quality" / "registration.md"
 KINDS = {
-    "site": "sites with real geometry of an independent spectral-element program",
-    "flat": "flat sites of an independent program of finite differences",
-    "specfem": "sites drawn by a seed, recorded by SPECFEM3D (`python -m benchmarks.specfem`); a "
+    "site": "sites with real geometry, from an independent spectral-element program",
+    "flat": "flat sites, from an independent finite-difference program",
+    "specfem": "sites drawn with a seed, recorded by SPECFEM3D (`python -m benchmarks.specfem`); a "
     "third of them nulls whose receivers, holes or ground differ by more than usual",
-    "drawn": "sites drawn by a seed, simulated by pyblast with other errors and laws; real noise",
-    "fresh": "sites drawn likewise by a later seed, after earlier versions had answered some of "
+    "drawn": "sites drawn with a seed, simulated by pyblast with other errors and laws; real noise",
+    "fresh": "sites drawn likewise with a later seed, after earlier versions had answered some of "
     "the former",
     "mine": "trials at the mine of Gol-e-Gohar on a smaller model, simulated by pyblast on a finer "
     "mesh",
     "real": "real hits on a line of geophones, some of whose records are altered; two simulated "
     "layers",
-    "drop": "drops of a ball on a bar of rock, simulated with drawn sensors and noise",
+    "drop": "drops of a ball on a rock bar, simulated with drawn sensors and noise",
 }
 WORDS = """# Registration of the proof
 
 Written by `./dev proof register` on {date} for program `{program}` (digest of the source: Python,
-Fortran and the tables of limits, layouts, titles and priors). It states what counts before the
-cases are answered. `./dev proof` answers each case once and writes [what came out](diagnosis.md).
+Fortran and the tables of limits, layouts, titles and priors). It states, before the cases are
+answered, what counts. `./dev proof` answers each case once and writes [what came
+out](diagnosis.md).
 
 ## Rules
 
-1. A version of the program is the digest of its source. It answers each case once, with the
-   options that a user gets who gives none. Drops are judged by `examples/ball_drops/judge.py`,
-   which uses the program and is no part of the digest: they count in no target.
-2. The first answer of a version to a case stays for ever in `verification/proof.json`. A later
-   one stands beside it and counts for nothing.
+1. A version of the program is the digest of its source. It answers each case once, with the default
+   options. Drops are judged by `examples/ball_drops/judge.py`, which uses the program but is not
+   part of the digest: they count towards no target.
+2. The first answer of a version to a case stays in `verification/proof.json` for ever. A later one
+   is kept beside it and does not count.
 3. A truth is compared with its digest before a case is answered; nothing of it reaches the
    diagnosis. A case whose truth has changed is refused.
-4. A crash is an answer, and wrong. A case that has no row is not answered: it counts neither for
-   nor against.
-5. On a null every outcome but NULL and UNKNOWN is a false alarm. An answer is right if it names
-   all that is true and nothing else. A name is wrong if it is not true. Names count, not places:
-   how many right names stand at the right place is counted apart.
-6. Cases may be added to the list by another seed. None is changed or leaves; only truths of four
-   cases of SPECFEM3D were exchanged within five minutes, before any was simulated
-   ([decisions](../decisions.md)). What a wrong answer teaches may change the program; the row
+4. A crash is an answer, and wrong. A case without a row is not answered: it counts neither for nor
+   against.
+5. On a null every outcome but NULL and UNKNOWN is a false alarm. An answer is right if it names all
+   that is true and nothing else. A name is wrong if it is not true. Names count, not places: how
+   many right names have the right place is counted separately.
+6. Cases may be added to the list with another seed. None is changed or removed; only the truths of
+   four SPECFEM3D cases were replaced, within five minutes and before any was simulated
+   ([decisions](../decisions.md)). The program may be changed because of a wrong answer; the row
    stays.
-7. The truths of sites, flat sites, mine and drops were known to the authors when this page was
-   written, and earlier versions answered many of them: these are no blind cases. Those drawn,
-   those that SPECFEM3D records and those concealed in real hits had been neither simulated nor
-   looked at; their truths follow from seeds {seed}, {fresh} (also of the real hits) and {specfem},
-   so that anybody can check their digests. A digest of a drawn truth seals its effects, its noise
-   and the level of its errors; site and errors follow from the seed and the generator's code.
-8. Where wrong answers to drawn cases have changed the program, the next version answers cases that
-   none has answered before; the page says which drawn cases earlier versions have answered. (Added
-   with the later seed, before any of its cases was simulated.)
+7. The truths of the sites, flat sites, mine and drops were known to the authors when this page was
+   written, and earlier versions had answered many of them: these are not blind cases. The drawn
+   truths, those of SPECFEM3D and those concealed in real hits had been neither simulated nor looked
+   at; their truths follow from seeds {seed}, {fresh} (also of the real hits) and {specfem}, so that
+   anybody can check their digests. A digest of a drawn truth seals its effects, its noise and the
+   level of its errors; the site and its errors follow from the seed and the generator's code.
+8. Once wrong answers to drawn cases have changed the program, the next version answers cases that
+   no version has answered before; the page says which drawn cases earlier versions have answered.
+   (Added with the later seed, before any of its cases was simulated.)
 
-On 2026-11-28 the words of rules 1, 3, 5, 6 and 7 were made exact after a review; no share is
-counted otherwise, but that `body`, by which the library means softer or stiffer rock or nearly a
-void, is no wrong name of a void, a tunnel, a dyke or a basin. No answer had named it.
+On 2026-11-28 the words of rules 1, 3, 5, 6 and 7 were made exact after a review, and the English of
+all rules was edited; every share is counted as before, except that `body`, by which the library
+means softer or stiffer rock or nearly a void, is not a wrong name for a void, a tunnel, a dyke or a
+basin. No answer had named it.
 
 ## What is to be reached
 
 {targets}
 
-Each with its 95 % interval by Clopper and Pearson, whether met or not.
+Each is given with its 95 % Clopper–Pearson interval, whether met or not.
 
 ## Thresholds
 
-As `pyblast/diagnosis/thresholds.py` had them; meaning and origin of each are in
+As they stood in `pyblast/diagnosis/thresholds.py`; the meaning and origin of each are in
 [thresholds](../reference/thresholds.md).
 
 {thresholds}
@@ -88,7 +90,7 @@ As `pyblast/diagnosis/thresholds.py` had them; meaning and origin of each are in
 
 {kinds}
 
-Digests are the SHA-256 of a truth file, or of a drawn truth as JSON whose numbers have nine
+A digest is the SHA-256 of a truth file, or of a drawn truth written as JSON with numbers of nine
 digits.
 
 {cases}
