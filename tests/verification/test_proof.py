@@ -183,6 +183,13 @@ def test_a_crash_is_a_clear_effect_that_was_missed():
     assert shares({"drawn-000": crash, "drawn-001": row(length=9.0)})["named"] == [False, True]
 
 
+def test_the_present_version_is_shown_unless_another_has_twice_the_answers():
+    assert page.shown({"old": 55, "now": 50}, "now") == "now"
+    assert page.shown({"old": 55, "now": 20}, "now") == "old"
+    assert page.shown({"old": 55}, "now") == "old"
+    assert page.shown({}, "now") is None
+
+
 def test_unseen_cases_are_those_that_no_other_version_answered():
     rows = {name: row() for name in (
         "drawn-000 aa", "drawn-001 aa", "site-01 aa", "drawn-001 bb")}  # fmt: skip

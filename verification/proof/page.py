@@ -43,13 +43,31 @@ VERDICT = {True: "met", False: "**missed**", None: "too few cases"}
 
 
 def write_pages(rows: Rows):
-    """Write what the first answers of the version with most of them say."""
-    version = next(iter(versions(rows)), None)
+    """Write what the first answers of the version to be shown say."""
+    version = shown(versions(rows), program())
     answers = first_answers(rows, version) if version else {}
     if answers:
         _draw(in_library_words(answers))
     _between(PAGE, BEGIN, END, page(rows, version, answers))
     _between(README, README_BEGIN, README_END, summary(version, answers))
+
+
+def shown(counts: dict[str, int], present: str) -> str | None:
+    """Return the present version, unless another has answered more than twice as many cases.
+
+    Parameters
+    ----------
+    counts : dict of str to int
+        First answers by version, most first.
+    present : str
+
+    Returns
+    -------
+    str or None
+        None where there is no answer.
+    """
+    most = next(iter(counts), None)
+    return present if most and 2 * counts.get(present, 0) >= counts[most] else most
 
 
 def page(rows: Rows, version: str | None, answers: Rows) -> str:
@@ -70,7 +88,7 @@ def page(rows: Rows, version: str | None, answers: Rows) -> str:
         _targets(answers, _unseen(rows, version, answers)), *_all_versions(rows),
     ]  # fmt: skip
     if answers and version != program():
-        parts.append("The program has changed since; the present version has answered fewer cases.")
+        parts.append("The program has changed since; its present version has answered few cases.")
     changed = changed_thresholds()
     if changed:
         parts.append(f"Thresholds changed since registration: {'; '.join(changed)}.")
