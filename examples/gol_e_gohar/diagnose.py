@@ -258,8 +258,9 @@ def main(arguments):
             continue
         print(trial, flush=True)
         answer, shares = diagnosed(trial, number)
-        effects = ", ".join(one["label"] for one in (*answer["mistakes"], *answer["effects"]))
-        print(f"  {answer['outcome']} {effects}; H1 explained {shares}", flush=True)
+        found = [one["act"] for one in answer["mistakes"]]
+        found += [one["label"] for one in answer["effects"]]
+        print(f"  {answer['outcome']} {', '.join(found)}; H1 explained {shares}", flush=True)
 
 
 if __name__ == "__main__":

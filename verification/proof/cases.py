@@ -201,12 +201,12 @@ def _answered_folder(kind, name, store):
     row = judged(folder_of(kind), name, store, None, {})
     answer = json.loads((store / name / "diagnosis.json").read_text(encoding="utf-8"))
     misfits = row["further_blast_misfit"]
-    words = {"before": "calibrated", "after": "diagnosed"}
+    words, named = {"before": "calibrated", "after": "diagnosed"}, names_of(answer)
     return _row_of_folder(truth) | {
-        "outcome": row["outcome"], "named": names_of(answer),
+        "outcome": row["outcome"], "named": named,
         "class": row["class"], "length": None, "metres": _metres(truth, answer),
         "covered": [each["low"] <= each["true"] <= each["high"]
-                    for each in row["intervals"].values()] if names_of(answer) else [],
+                    for each in row["intervals"].values()] if named else [],
         "held_out": {key: round(1.0 - misfits[word], 5) for key, word in words.items()
                      if misfits[word] is not None},
         "processor_s": round(row["processor_s"] + row["kept_s"], 1),

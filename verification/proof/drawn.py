@@ -154,8 +154,8 @@ def _placed(truth, answer):
 
 def _there(wanted, target, one):
     """Tell whether a place is the wanted one, a hole of it, or a plane near it; "" is anywhere."""
-    same = wanted in ("", target, blast_and_hole(target)[0])
-    return same or ("=" in wanted and "parameters" in one and _off(wanted, target, one) <= NEAR)
+    same = wanted in ("", blast_and_hole(target)[0])
+    return same or _nearest(wanted, [target], one) is not None
 
 
 def _metres(truth, answer):

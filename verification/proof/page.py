@@ -270,7 +270,7 @@ def _predicted(answers):
         "second-best effect is the one of the others with the most evidence, fitted likewise."
     )
     lines = [f"| case | answer | {' | '.join(models.values())} |", "|---" * (len(models) + 2) + "|"]
-    told = {name: row for name, row in answers.items() if row in with_gains([row])}
+    told = {name: row for name, row in answers.items() if with_gains([row])}
     for name, row in told.items():
         cells = (f"{row['held_out'][key]:.3f}" if key in row["held_out"] else "" for key in models)
         lines.append(f"| {name} | {_code(answer_word(row))} | {' | '.join(cells)} |")
